@@ -18,6 +18,7 @@ SCHEMA = pa.schema(
         ("index", pa.int64()),
         ("setpoint", pa.float64()),
         ("policy", pa.dictionary(pa.int32(), pa.string())),
+        ("acting", pa.dictionary(pa.int32(), pa.string())),  # of a mixture, the policy drawn for the episode
         ("splits", pa.list_(pa.string())),
         ("length", pa.int64()),
         ("return", pa.float64()),

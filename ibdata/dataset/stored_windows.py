@@ -6,9 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,9 +16,11 @@ from ibdata.dataset.manifest import refuse_inside
 from ibdata.dataset.transitions import Transitions
 from ibdata.errors import UsageError
 from ibdata.system import disk
+from ibdata.system.part import locked_part, resolved
 
 Float32s = npt.NDArray[np.float32]
 DESCRIPTION = "windows.json"
+PATIENCE = 3600.0  # seconds to wait for another process that makes the same folder
 
 
 class Sizes(NamedTuple):
@@ -75,32 +75,43 @@ def in_folder(
 
     Raises UsageError if the folder holds anything else.
     """
-    if not sizes.rows:  # nothing to keep in files
-        return in_memory(sizes, blocks)
     if not os.path.exists(folder):  # a name may be too long to be looked for
         refuse_inside(folder)
-        try:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as unfinished:
-                _write(Path(unfinished) / "whole", description, sizes, blocks)
-                with suppress(OSError):  # another process was faster
-                    (Path(unfinished) / "whole").rename(folder)
-        except OSError as error:
-            raise UsageError(f"folder: {folder} cannot be written: {error.strerror or error}") from None
+        _make(folder, description, sizes, blocks)
     try:
         described = json.loads((folder / DESCRIPTION).read_bytes())
     except (OSError, ValueError):
         described = None
     if described != json.loads(json.dumps(description)):
         raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
+    stored = mapped(folder)
+    if [(array.shape, array.dtype) for array in stored] != _forms(sizes):
+        raise _damaged(folder, "found arrays of other sizes")
+    return stored
+
+
+def mapped(folder: Path) -> Stored:
+    """Map the values from the files in a folder. Raises UsageError if they cannot be read."""
     try:
-        stored = Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in Stored._fields))
-        if [(array.shape, array.dtype) for array in stored] != _forms(sizes):
-            raise ValueError("found arrays of other sizes")
-        return stored
+        return Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in Stored._fields))
     except Exception as error:  # whatever numpy and zipfile raise for other bytes
-        todo = "remove it, or choose another folder"
-        raise UsageError(f"folder: {folder} is damaged ({error}); {todo}") from None
+        raise _damaged(folder, error) from None
+
+
+def _damaged(folder: Path, found: object) -> UsageError:
+    return UsageError(f"folder: {folder} is damaged ({found}); remove it, or choose another folder")
+
+
+def _make(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:
+    """Make a folder of windows in its part, unless another process has made it meanwhile."""
+    target = resolved(folder)
+    with locked_part(target, folder, patience=PATIENCE) as part:
+        if part.receipts:
+            raise UsageError(f"{folder}: an unfinished run of generate has this name; choose another folder")
+        part.clear()  # what a killed process has left
+        if not target.exists():
+            _write(part.folder / "windows", description, sizes, blocks)
+            part.place(part.folder / "windows")
 
 
 def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:

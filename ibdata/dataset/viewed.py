@@ -63,7 +63,7 @@ def arrays_of(
         **{name: table[name].to_numpy()[made.rows] for name in columns},
     }
     if not drop or history == 1:
-        return arrays
+        return {name: np.require(array, requirements="W") for name, array in arrays.items()}
     whole = made.step >= history - 1
     return {name: array[whole] for name, array in arrays.items()}
 
@@ -93,16 +93,16 @@ def windows_of(
     kept = np.maximum(lengths - left_out(info, options), 0)
     frame = options.frame(info.drifting)
     sizes = Sizes(episodes=int(np.count_nonzero(kept)), rows=int(kept.sum()), frame=len(frame))
-    if folder is None:
-        stored = in_memory(sizes, blocks)
-    else:
-        description = {
-            "content_root": content_root,
-            "episodes": identity(episodes),
-            "view": options.plain(info.drifting),
-        }
-        stored = in_folder(local(folder), description, sizes, blocks)
-    return Windows(stored, frame, history, drop, int((lengths - kept).sum()))
+    count = int((lengths - kept).sum())
+    if folder is None or not sizes.rows:  # nothing to keep in files
+        return Windows(in_memory(sizes, blocks), frame, history, drop, count)
+    description = {
+        "content_root": content_root,
+        "episodes": identity(episodes),
+        "view": options.plain(info.drifting),
+    }
+    path = local(folder).absolute()
+    return Windows(in_folder(path, description, sizes, blocks), frame, history, drop, count, path)
 
 
 def identity(episodes: pa.Table) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ibdata.dataset.stored_windows import Stored
+from ibdata.dataset.stored_windows import Stored, mapped
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
@@ -28,6 +29,11 @@ class Batch(Sequence[dict[str, Any]]):
         return {name: array[place] for name, array in self.arrays.items()}
 
 
+def _of_folder(folder: Path, frame: Sequence[str], history: int, drop: bool, left_out: int) -> Windows:
+    """The windows whose values are in a folder."""
+    return Windows(mapped(folder), frame, history, drop, left_out, folder)
+
+
 class Windows:
     """The transitions of a dataset with histories, which are gathered on access.
 
@@ -42,9 +48,17 @@ class Windows:
             frame.
     """
 
-    def __init__(self, stored: Stored, frame: Sequence[str], history: int, drop: bool, left_out: int) -> None:
+    def __init__(
+        self,
+        stored: Stored,
+        frame: Sequence[str],
+        history: int,
+        drop: bool,
+        left_out: int,
+        folder: Path | None = None,
+    ) -> None:
         self.frame, self.history, self.left_out = tuple(frame), history, left_out
-        self._stored = stored
+        self._stored, self._drop, self._folder = stored, drop, folder
         self._skipped = history - 1 if drop else 0  # transitions at the beginning of each episode
         stops = np.cumsum(stored.lengths)
         self._starts = stops - stored.lengths
@@ -55,6 +69,11 @@ class Windows:
         self._windows = None  # if the dataset is shorter than a window
         if len(stored.frames) > history:
             self._windows = sliding_window_view(flat, (history + 1) * k)[::k]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy for another process: the folder of the values if they are in one, else each value once."""
+        options = (self.frame, self.history, self._drop, self.left_out)
+        return (_of_folder, (self._folder, *options)) if self._folder else (Windows, (self._stored, *options))
 
     def __len__(self) -> int:
         return int(self._stops[-1]) if len(self._stops) else 0

@@ -27,7 +27,7 @@ from ibdata.experiment.plan import segments
 from ibdata.experiment.scalars import LICENCE, EpisodeCount, FileName, Licence, Seed, SplitName, StepCount
 from ibdata.experiment.scenario import Cell, Scenario
 from ibdata.experiment.setpoints import Setpoints, repeated, setpoint_values
-from ibdata.numerics.naming import exact
+from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
 
@@ -114,14 +114,7 @@ class Experiment(FrozenModel):
     @cached_property
     def labels(self) -> tuple[str, ...]:
         """The labels of the policies in the data. If several have the same, the later ones get -2, -3, …"""
-        labels: dict[str, None] = {}
-        for policy in self.policies:
-            label, count = policy.label, 1
-            while label in labels:
-                count += 1
-                label = f"{policy.label}-{count}"
-            labels[label] = None
-        return tuple(labels)
+        return tuple(unequal(policy.label for policy in self.policies))
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
@@ -151,10 +144,9 @@ class Experiment(FrozenModel):
     @field_validator("splits")
     @classmethod
     def _in_numbers(cls, splits: dict[str, Split], known: ValidationInfo) -> dict[str, Split]:
-        """Give the shares of splits the numbers of their episodes, and leave out those without any."""
+        """Give the shares of splits the numbers of their episodes."""
         episodes = known.data.get("episodes")
-        found = {name: split.in_numbers(episodes) for name, split in splits.items()} if episodes else splits
-        return {name: split for name, split in found.items() if split is not None}
+        return {name: split.in_numbers(episodes) for name, split in splits.items()} if episodes else splits
 
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Experiment:
@@ -189,11 +181,15 @@ class Experiment(FrozenModel):
                 known = f"{', '.join(self.labels)}{suggestion(label, self.labels)}"
                 yield "policy", f"found {label!r}, expected one of {known}"
         indices = split.indices(self.episodes)
-        if not indices or indices.stop > self.episodes:
+        without = "leave out all splits by the override splits={}"
+        if isinstance(split.episodes, str):  # one that holds none keeps its share
+            held = f"which is none of {counted(self.episodes, 'episode')}, expected at least one"
+            yield "episodes", f"found {split.episodes}, {held}; set more episodes, or {without}"
+        elif not indices or indices.stop > self.episodes:
             yield (
                 "episodes",
                 f"found episodes {indices.start} to {indices.stop - 1}, expected some of 0 to "
-                f"{self.episodes - 1}; change it, or leave out all splits by the override splits={{}}",
+                f"{self.episodes - 1}; change it, or {without}",
             )
 
     def _shared_episodes(self) -> Iterator[tuple[Loc, str]]:

@@ -10,10 +10,11 @@ import numpy as np
 from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.scenario import Cell
-from ibdata.numerics.random import stream_key
+from ibdata.numerics.random import Purpose, stream_key
+from ibdata.policies.compound import PolicyMixture
 from ibdata.simulation import kernel
 from ibdata.simulation.carry import begin
-from ibdata.simulation.episodes import Episodes, Ints
+from ibdata.simulation.episodes import Episodes, Ints, draw_uniforms
 from ibdata.simulation.unroll import LANES, Block, unroll
 from ibdata.simulation.variables import Table
 
@@ -74,7 +75,7 @@ def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, 
 
 def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
     """Split episodes first … stop - 1 into blocks of at most LANES episodes with the same policy."""
-    per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
+    per_policy = _per_policy(experiment)
     while first < stop:
         end = min(stop, first + LANES, (first // per_policy + 1) * per_policy)
         yield first, end
@@ -103,3 +104,24 @@ def write_columns(block: Block, places: Layout, table: Table, row: int, steps: i
         block.record, block.actions, block.log_density, places.sources, places.first_action, places.log_prob,
         table, row + block.first, len(block.actions), steps,
     )  # fmt: skip
+
+
+def acting_in(experiment: Experiment, numbers: Ints) -> tuple[list[str], Ints]:
+    """Names of policies, and the place among them of that which acts in each of these episodes (n,).
+
+    Of a mixture, it is the policy that is drawn for the episode.
+    """
+    names, policies = list(experiment.labels), numbers // _per_policy(experiment)
+    acting = policies.copy()
+    for place, policy in enumerate(experiment.policies):
+        here = np.flatnonzero(policies == place)
+        if isinstance(policy, PolicyMixture) and len(here):
+            episodes = episodes_of(experiment, numbers[here])
+            [u] = draw_uniforms(episodes.draw, episodes.lanes, Purpose.EPISODE_POLICY, 0, 1, 1)
+            acting[here] = len(names) + policy.member(u[:, 0])
+            names += policy.members
+    return names, acting
+
+
+def _per_policy(experiment: Experiment) -> int:
+    return experiment.episodes * (len(experiment.cells) // len(experiment.policies))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from decimal import Decimal
 
 DIGITS = 6  # of the largest number of a column
@@ -68,3 +68,19 @@ def yaml_name(name: str) -> str:
     ('train', '"0x10"', '"no"')
     """
     return f'"{name}"' if name[0].isdigit() or name in YAML_WORDS else name
+
+
+def unequal(names: Iterable[str]) -> list[str]:
+    """The same names, of which later equal ones get -2, -3, …
+
+    >>> unequal(["a", "b", "a", "a"])
+    ['a', 'b', 'a-2', 'a-3']
+    """
+    out: dict[str, None] = {}
+    for name in names:
+        label, count = name, 1
+        while label in out:
+            count += 1
+            label = f"{name}-{count}"
+        out[label] = None
+    return list(out)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Field, model_validator
 
+from ibdata.numerics.naming import unequal
 from ibdata.policies.actions import applied
 from ibdata.policies.base import (
     Decision,
@@ -196,8 +197,10 @@ Weight = Annotated[float, Field(gt=0.0, le=1e9, strict=True)]
 class PolicyMixture(Choice):
     """Draws one of several policies for each episode; the drawn policy acts in it from start to end.
 
-    The density is that of the policy that was drawn. Fu et al. 2020, D4RL (arXiv 2004.07219), make their
-    medium-replay and medium-expert data of several policies.
+    `ds.episodes` names it in the column `acting`, unless the mixture is part of another policy. For exact
+    shares, list policies beside one another instead: each gets the same number of episodes. The density is
+    that of the policy that was drawn. Fu et al. 2020, D4RL (arXiv 2004.07219), make their medium-replay and
+    medium-expert data of several policies.
     """
 
     own_needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)
@@ -216,11 +219,20 @@ class PolicyMixture(Choice):
         """The policies."""
         return tuple(self.bases)
 
-    def chosen(self, observed: Observed) -> Chosen:
+    @property
+    def members(self) -> list[str]:
+        """The kinds of the policies; of equal ones, the later get -2, -3, …"""
+        return unequal([base.kind for base in self.bases])
+
+    def member(self, u: Floats) -> Chosen:
+        """The numbers (n,) of the policies that are drawn for episodes by their first random numbers (n,)."""
         weights = self.weights or [1.0] * len(self.bases)
         total = math.fsum(weights)
         bounds = [part / total for part in accumulate(weights)][:-1]
-        return np.searchsorted(bounds, observed.episode_uniforms[:, 0], side="right").astype(np.int64)
+        return np.searchsorted(bounds, u, side="right").astype(np.int64)
+
+    def chosen(self, observed: Observed) -> Chosen:
+        return self.member(observed.episode_uniforms[:, 0])
 
     @model_validator(mode="after")
     def _check(self) -> PolicyMixture:

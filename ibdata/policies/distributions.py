@@ -56,23 +56,26 @@ class Distribution(ABC):
 
     def certain(self, action: Float32s) -> Bools:
         """Whether there are atoms at all three numbers of actions, (n,)."""
-        whole: Bools = np.asarray(self.atoms(action).all(axis=1))
-        return whole
+        return np.asarray(self.atoms(action).all(axis=1))
 
 
-class Certain(Distribution):
+class Chosen(Distribution):
+    """Actions that a policy has chosen already."""
+
+    def __init__(self, actions: npt.NDArray[Any]) -> None:
+        self.actions = actions  # (n, 3)
+
+    def sample(self, u: Floats) -> npt.NDArray[Any]:
+        return self.actions
+
+
+class Certain(Chosen):
     """Actions of which a policy is certain: each has the probability 1.
 
     >>> same = Certain(np.array([[0.5, 0.0, -2.0]]))
     >>> same.log_density(np.array([[0.5, 0.0, -1.0]], dtype=np.float32)).tolist()
     [0.0]
     """
-
-    def __init__(self, actions: npt.NDArray[Any]) -> None:
-        self.actions = actions
-
-    def sample(self, u: Floats) -> npt.NDArray[Any]:
-        return self.actions
 
     @cached_property
     def applied(self) -> Float32s:
@@ -86,18 +89,11 @@ class Certain(Distribution):
         return np.repeat(self.certain(action)[:, None], 3, axis=1)
 
     def certain(self, action: Float32s) -> Bools:
-        same: Bools = self.log_density(action) == 0.0
-        return same
+        return np.asarray(self.log_density(action) == 0.0)
 
 
-class Unknown(Distribution):
+class Unknown(Chosen):
     """Actions that were drawn from a distribution that nobody states."""
-
-    def __init__(self, actions: npt.NDArray[Any]) -> None:
-        self.actions = actions
-
-    def sample(self, u: Floats) -> npt.NDArray[Any]:
-        return self.actions
 
     def log_density(self, action: Float32s) -> Floats:
         return np.full(len(action), np.nan)

@@ -27,6 +27,8 @@ from ibdata.dataset.models import (
 from ibdata.dataset.statistics import described, merged
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Run
+from ibdata.experiment.plan import Shard
+from ibdata.experiment.rollout import acting_in
 from ibdata.experiment.scenario import Cell
 from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
 from ibdata.writing.shard_writer import WrittenShard
@@ -137,6 +139,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         arrow_array(np.concatenate([index for _, index in address])),
         arrow_array(of_cells(lambda cell: cell.setpoint)),
         arrow_texts(of_cells(lambda cell: cell.label, spec.labels), spec.labels),
+        _acting(spec, shards),
         _lists([shard.splits for shard in shards], counts),
         arrow_array(length),
         arrow_array(np.concatenate([w.content.returns for w in written])),
@@ -146,6 +149,18 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         pa.Array.from_buffers(pa.binary(32), len(digests), [None, pa.py_buffer(b"".join(digests))]),
     ]
     return pa.table(arrays, schema=EPISODES)
+
+
+def _acting(spec: DatasetSpec, shards: list[Shard]) -> pa.Array:
+    """The policy that acts in each episode of shards; of a mixture, the one that was drawn for it."""
+    known: dict[str, int] = {}
+    parts = []
+    for shard in shards:
+        names, acting = acting_in(spec.of_shard(shard), np.arange(shard.first, shard.stop))
+        used = {place: known.setdefault(names[place], len(known)) for place in np.unique(acting).tolist()}
+        codes = np.array([used.get(place, 0) for place in range(len(names))], dtype=np.int32)
+        parts.append(codes[acting])
+    return arrow_texts(np.concatenate(parts), list(known))
 
 
 def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:

@@ -3,12 +3,14 @@
 import errno
 import json
 import os
+import pickle
 
 import numpy as np
 import pytest
 
 import ibdata
-from ibdata.errors import UsageError
+from ibdata.errors import IbdataError, UsageError
+from ibdata.system.part import LOCK
 
 
 @pytest.mark.parametrize("history", [1, 3])
@@ -101,7 +103,7 @@ def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, mo
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("ibdata.system.disk.reserve", full)
-    with pytest.raises(UsageError, match=r"folder: .*windows cannot be written: No space left on device"):
+    with pytest.raises(IbdataError, match=r"windows: cannot be written: No space left on device"):
         dataset.windows(folder=tmp_path / "windows")
     assert list(tmp_path.iterdir()) == []
 
@@ -109,11 +111,49 @@ def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, mo
 def test_a_folder_that_cannot_hold_windows_is_refused(dataset):
     for folder, line in (
         (dataset.path / "data" / "windows", "lies within the dataset"),
-        (dataset.path.parent / ("w" * 300), "^folder: .* cannot be written: File name too long"),
+        (dataset.path.parent / ("w" * 300), "w: cannot be written: File name too long"),
         ("s3://a/b", "^s3://a/b: found a URL, expected a path on this machine$"),
     ):
-        with pytest.raises(UsageError, match=line):
+        with pytest.raises(IbdataError, match=line):
             dataset.windows(folder=folder)
+
+
+def test_what_a_killed_process_has_left_is_removed(dataset, tmp_path, monkeypatch):
+    """A kill leaves the part, with its lock, which the next call holds and clears."""
+    left = tmp_path / ".windows.part"
+    (left / "windows").mkdir(parents=True)
+    (left / "windows" / "frames.npy").write_bytes(b"half")
+    (left / LOCK).touch()
+    assert len(dataset.windows(folder=tmp_path / "windows")) == len(dataset)
+    assert [path.name for path in tmp_path.iterdir()] == ["windows"]
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"history": 3}, {"split": "target", "view": {"observe": ["obs_gain"]}}]
+)
+@pytest.mark.parametrize("folder", [None, "windows"])
+def test_a_pickle_is_the_folder_or_each_value_once(dataset, tmp_path, monkeypatch, folder, options):
+    """It is what a DataLoader sends to each of its processes."""
+    monkeypatch.chdir(tmp_path)
+    windows = dataset.windows(folder=folder, **options)
+    sent = pickle.dumps(windows)
+    once = sum(array.nbytes for array in windows._stored)
+    assert len(sent) < (1000 if folder else once + 2000)
+    monkeypatch.chdir("/")
+    again = pickle.loads(sent)
+    assert isinstance(again._stored.frames, np.memmap) == (folder is not None)
+    for one, other in zip(windows.batch(range(len(windows))).values(), again[:].values(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (again.frame, again.history, again.left_out) == (windows.frame, windows.history, windows.left_out)
+    if folder:
+        (tmp_path / folder).rename(tmp_path / "gone")
+        with pytest.raises(UsageError, match=r"^folder: .*windows is damaged \(.*No such file"):
+            pickle.loads(sent)
+
+
+def test_arrays_may_be_changed(dataset):
+    for name, array in dataset.arrays(history=2).items():
+        assert array.flags.writeable, name
 
 
 def test_a_damaged_folder_is_refused(dataset, tmp_path):

@@ -17,7 +17,7 @@ import pytest
 
 from ibdata.dynamics import PAPER, SIEMENS, Variant
 from ibdata.errors import ConfigError
-from ibdata.experiment import Experiment
+from ibdata.experiment import Experiment, load
 
 RANDOM = {"kind": "random"}
 SAFE = {"kind": "safe"}
@@ -207,10 +207,36 @@ def test_a_changed_copy_is_checked(change):
         (10, {"train": (0, 8), "validation": (9, 9)}),
         (5, {"train": (0, 3), "validation": (4, 4)}),
         (2, {"train": (0, 0), "validation": (1, 1)}),
-        (1, {"train": (0, 0)}),
     ],
 )
 def test_shares_of_splits_become_ranges_that_do_not_meet(episodes, ranges):
     splits = {"train": {"episodes": "first 90%"}, "validation": {"episodes": "last 10 %"}}
     found = experiment(episodes=episodes, splits=splits).splits
     assert {name: (split.episodes.start, split.episodes.stop) for name, split in found.items()} == ranges
+
+
+@pytest.mark.parametrize(
+    "split",
+    [
+        {"episodes": "last 10%"},
+        {"episodes": {"start": 1, "stop": 1}},
+        {"episodes": {"start": 1, "stop": 0}},
+        {"episodes": 2},
+        {"setpoint": [70, 71]},
+        {"setpoint": []},
+        {"policy": ["random", "safe"]},
+        {"policy": []},
+    ],
+    ids=str,
+)
+def test_a_declared_split_without_an_episode_is_refused(split):
+    with pytest.raises(ConfigError, match=r"splits\.held\.(episodes|setpoint|policy): found .*, expected"):
+        experiment(splits={"train": {"episodes": "first 90%"}, "held": {**split, "overlap": True}})
+
+
+def test_a_shipped_set_of_one_episode_is_made_without_splits():
+    line = r"found last 10%, which is none of 1 episode, expected at least one; .* override splits=\{\}"
+    with pytest.raises(ConfigError, match=line):
+        load("siemens-offline/bad-20", ["episodes=1"])
+    assert load("siemens-offline/bad-20", ["episodes=1", "splits={}"]).splits == {}
+    assert list(load("siemens-offline/bad-20", ["episodes=2"]).splits) == ["train", "validation"]

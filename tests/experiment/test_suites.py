@@ -154,9 +154,11 @@ def test_the_experiments_of_papers_have_their_sizes():
     assert [cell.setpoint for cell in depeweg.cells] == [10.0 * i for i in range(1, 11)]
     assert (depeweg.episodes, depeweg.steps, depeweg.labels) == (10, 1000, ("random",))
     assert episodes_of(depeweg) == {"train": range(7), "test": range(7, 10)}
-    assert {name: split.setpoint for name, split in transfer.splits.items()} == {"source": 50, "target": 75}
-    episodes = episodes_of(transfer)
-    assert len(episodes["target"]) < len(episodes["source"]) == transfer.episodes
+    points = {name: split.setpoint for name, split in transfer.splits.items()}
+    assert points == {"source": 50, "target": 75, "test": 75}
+    for experiment, few in ((transfer, 2), (load("transfer", ["episodes=7"]), 1)):
+        n = experiment.episodes
+        assert episodes_of(experiment) == {"source": range(n), "target": range(few), "test": range(few, n)}
 
 
 @pytest.mark.parametrize(

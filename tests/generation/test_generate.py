@@ -93,13 +93,14 @@ def two():
 @pytest.mark.slow
 @pytest.mark.parametrize("suite", suites())
 def test_a_shipped_suite_makes_valid_datasets(suite):
-    made = ibdata.generate(suite, workers=1, overrides=["episodes=1", "steps=20"])
+    made = ibdata.generate(suite, workers=1, overrides=["episodes=2", "steps=20"])
     assert list(made) == [path.stem for path in sorted(suites()[suite].glob("*.yaml"))]
     for name, dataset in made.items():
         experiment = ibdata.load(f"{suite}/{name}")
         assert dataset.place == f"data/{suite}/{name}"
         assert ibdata.validate(dataset.path) == []
-        assert len(dataset) == 20 * len(experiment.cells)
+        assert len(dataset) == 40 * len(experiment.cells)
+        assert list(dataset.splits) == list(experiment.splits)
         assert set(dataset.to_pandas(["policy"])["policy"]) == set(experiment.labels)
 
 

@@ -1,5 +1,6 @@
 """Splits of a finished dataset: labels without copies, copies in whole files, and no leaks."""
 
+from contextlib import suppress
 from itertools import combinations
 
 import pyarrow.parquet as pq
@@ -10,6 +11,8 @@ from helpers.tiny import MANY
 import ibdata
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, UsageError
+from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.split_schemes import by_episode
 
 SETPOINTS = set(MANY["setpoints"])
 BOTH = {"random", "safe"}
@@ -68,6 +71,40 @@ def test_a_split_holds_the_episodes_asked_for_and_leaks_none(made, call, expecte
         assert not digests[0] & digests[1]
     assert set(split.splits) == {"low", *expected}
     assert ibdata.validate(made.path) == []
+
+
+def test_each_share_of_100_episodes_has_its_number():
+    """In floating point, 100 * 0.57 is below 57, and 100 * 0.07 above 7."""
+    spec = DatasetSpec.of(
+        ibdata.load({"name": "x", "setpoints": 70, "policies": ["random"], "episodes": 100})
+    )
+    for percent in range(1, 100):
+        train, test = by_episode(spec, (percent / 100, (100 - percent) / 100)).values()
+        assert (train.indices(100), test.indices(100)) == (range(percent), range(percent, 100))
+
+
+ASKED = [
+    *(
+        {"source": [20], "target": [70], **budget}
+        for budget in ({}, {"shots": 1}, {"shots": 2}, {"transitions": 9})
+    ),
+    *({"scheme": scheme} for scheme in ("leave-one-out", "interpolation", "extrapolation")),
+    *({"scheme": "distance", "source": source, "within": 50} for source in ([20], [20, 70])),
+    *({"by": "episode", "fractions": shares} for shares in ((0.5, 0.5), (0.9, 0.1), (0.4, 0.3, 0.3))),
+    {"by": "policy"},
+]
+
+
+@pytest.mark.parametrize("episodes", [1, 2])
+@pytest.mark.parametrize("setpoints", [[20, 70], [20, 70, 90]], ids=len)
+def test_no_scheme_makes_a_split_without_an_episode(made_at, tmp_path, episodes, setpoints):
+    plain = {"name": "few", "setpoints": setpoints, "policies": ["random", "safe"], "steps": 9}
+    few = made_at({**plain, "episodes": episodes}, tmp_path / "few")
+    for call in ASKED:
+        with suppress(UsageError):
+            ibdata.split(few.path, **call)
+        labelled = ibdata.open(few.path)
+        assert all(members(labelled, name) for name in labelled.splits)
 
 
 def test_close_setpoints_are_told_apart(made_at, tmp_path):
