@@ -147,7 +147,9 @@ def test_a_pickle_is_the_folder_or_each_value_once(dataset, tmp_path, monkeypatc
     assert (again.frame, again.history, again.left_out) == (windows.frame, windows.history, windows.left_out)
     if folder:
         (tmp_path / folder).rename(tmp_path / "gone")
-        with pytest.raises(UsageError, match=r"^folder: .*windows is gone, expected .*; make the windows again$"):
+        with pytest.raises(
+            UsageError, match=r"^folder: .*windows is gone, expected .*; make the windows again$"
+        ):
             pickle.loads(sent)
         dataset.windows(folder=tmp_path / folder, policy="random")  # of other episodes
         with pytest.raises(UsageError, match=r"^folder: .*windows holds something else than these windows"):
