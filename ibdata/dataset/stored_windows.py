@@ -31,6 +31,14 @@ class Sizes(NamedTuple):
     frame: int
 
 
+class Source(NamedTuple):
+    """A folder with the values of windows, and what they are."""
+
+    folder: Path
+    description: dict[str, Any]
+    sizes: Sizes
+
+
 class Stored(NamedTuple):
     """One copy of the values that windows are gathered from.
 
@@ -68,42 +76,44 @@ def in_memory(sizes: Sizes, blocks: Iterable[Transitions]) -> Stored:
     return stored
 
 
-def in_folder(
-    folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]
-) -> Stored:
+def in_folder(source: Source, blocks: Iterable[Transitions]) -> Stored:
     """Map the values from files in a folder, which are written first if they are not there.
 
     Raises UsageError if the folder holds anything else.
     """
-    if not os.path.exists(folder):  # a name may be too long to be looked for
-        refuse_inside(folder)
-        _make(folder, description, sizes, blocks)
+    if not os.path.exists(source.folder):  # a name may be too long to be looked for
+        refuse_inside(source.folder)
+        _make(source, blocks)
+    return mapped(source)
+
+
+def mapped(source: Source) -> Stored:
+    """Map the values from the files in a folder. Raises UsageError if it is gone or holds anything else."""
+    folder, description, sizes = source
     try:
         described = json.loads((folder / DESCRIPTION).read_bytes())
     except (OSError, ValueError):
         described = None
+    if not folder.exists():
+        raise UsageError(f"folder: {folder} is gone, expected the values of windows; make the windows again")
     if described != json.loads(json.dumps(description)):
         raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
-    stored = mapped(folder)
+    try:
+        stored = Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in Stored._fields))
+    except Exception as error:  # whatever numpy and zipfile raise for other bytes
+        raise _damaged(folder, error) from None
     if [(array.shape, array.dtype) for array in stored] != _forms(sizes):
         raise _damaged(folder, "found arrays of other sizes")
     return stored
-
-
-def mapped(folder: Path) -> Stored:
-    """Map the values from the files in a folder. Raises UsageError if they cannot be read."""
-    try:
-        return Stored(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in Stored._fields))
-    except Exception as error:  # whatever numpy and zipfile raise for other bytes
-        raise _damaged(folder, error) from None
 
 
 def _damaged(folder: Path, found: object) -> UsageError:
     return UsageError(f"folder: {folder} is damaged ({found}); remove it, or choose another folder")
 
 
-def _make(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:
+def _make(source: Source, blocks: Iterable[Transitions]) -> None:
     """Make a folder of windows in its part, unless another process has made it meanwhile."""
+    folder, description, sizes = source
     target = resolved(folder)
     with locked_part(target, folder, patience=PATIENCE) as part:
         if part.receipts:

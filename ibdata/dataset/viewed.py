@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info
-from ibdata.dataset.stored_windows import Sizes, in_folder, in_memory
+from ibdata.dataset.stored_windows import Sizes, Source, in_folder, in_memory
 from ibdata.dataset.transitions import Transitions, as_batch, left_out, transitions
 from ibdata.dataset.windows import Windows
 from ibdata.errors import UsageError
@@ -101,8 +101,8 @@ def windows_of(
         "episodes": identity(episodes),
         "view": options.plain(info.drifting),
     }
-    path = local(folder).absolute()
-    return Windows(in_folder(path, description, sizes, blocks), frame, history, drop, count, path)
+    source = Source(local(folder).absolute(), description, sizes)
+    return Windows(in_folder(source, blocks), frame, history, drop, count, source)
 
 
 def identity(episodes: pa.Table) -> str:

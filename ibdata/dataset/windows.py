@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-from ibdata.dataset.stored_windows import Stored, mapped
+from ibdata.dataset.stored_windows import Source, Stored, mapped
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
@@ -29,9 +28,9 @@ class Batch(Sequence[dict[str, Any]]):
         return {name: array[place] for name, array in self.arrays.items()}
 
 
-def _of_folder(folder: Path, frame: Sequence[str], history: int, drop: bool, left_out: int) -> Windows:
+def _of_source(source: Source, frame: Sequence[str], history: int, drop: bool, left_out: int) -> Windows:
     """The windows whose values are in a folder."""
-    return Windows(mapped(folder), frame, history, drop, left_out, folder)
+    return Windows(mapped(source), frame, history, drop, left_out, source)
 
 
 class Windows:
@@ -55,10 +54,10 @@ class Windows:
         history: int,
         drop: bool,
         left_out: int,
-        folder: Path | None = None,
+        source: Source | None = None,
     ) -> None:
         self.frame, self.history, self.left_out = tuple(frame), history, left_out
-        self._stored, self._drop, self._folder = stored, drop, folder
+        self._stored, self._drop, self._source = stored, drop, source
         self._skipped = history - 1 if drop else 0  # transitions at the beginning of each episode
         stops = np.cumsum(stored.lengths)
         self._starts = stops - stored.lengths
@@ -73,7 +72,7 @@ class Windows:
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy for another process: the folder of the values if they are in one, else each value once."""
         options = (self.frame, self.history, self._drop, self.left_out)
-        return (_of_folder, (self._folder, *options)) if self._folder else (Windows, (self._stored, *options))
+        return (_of_source, (self._source, *options)) if self._source else (Windows, (self._stored, *options))
 
     def __len__(self) -> int:
         return int(self._stops[-1]) if len(self._stops) else 0

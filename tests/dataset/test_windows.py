@@ -118,7 +118,7 @@ def test_a_folder_that_cannot_hold_windows_is_refused(dataset):
             dataset.windows(folder=folder)
 
 
-def test_what_a_killed_process_has_left_is_removed(dataset, tmp_path, monkeypatch):
+def test_what_a_killed_process_has_left_is_removed(dataset, tmp_path):
     """A kill leaves the part, with its lock, which the next call holds and clears."""
     left = tmp_path / ".windows.part"
     (left / "windows").mkdir(parents=True)
@@ -147,7 +147,12 @@ def test_a_pickle_is_the_folder_or_each_value_once(dataset, tmp_path, monkeypatc
     assert (again.frame, again.history, again.left_out) == (windows.frame, windows.history, windows.left_out)
     if folder:
         (tmp_path / folder).rename(tmp_path / "gone")
-        with pytest.raises(UsageError, match=r"^folder: .*windows is damaged \(.*No such file"):
+        with pytest.raises(
+            UsageError, match=r"^folder: .*windows is gone, expected .*; make the windows again$"
+        ):
+            pickle.loads(sent)
+        dataset.windows(folder=tmp_path / folder, policy="random")  # of other episodes
+        with pytest.raises(UsageError, match=r"^folder: .*windows holds something else than these windows"):
             pickle.loads(sent)
 
 
