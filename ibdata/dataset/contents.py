@@ -34,6 +34,7 @@ class Contents:
         self.storage = storage(existing(path))
         self.place = self.storage.name
         self.manifest_model = manifest.read(self.storage)
+        self._split_entries: tuple[Any, dict[str, SplitEntry]] | None = None
 
     def __repr__(self) -> str:
         n = self.info_model.counts
@@ -90,18 +91,18 @@ class Contents:
         keys = {"episodes", "rows", "declared"}
         return Splits({name: entry.model_dump(include=keys) for name, entry in self.split_entries.items()})
 
-    @cached_property
+    @property
     def split_entries(self) -> dict[str, SplitEntry]:
-        """meta/splits.json as models."""
-        return read_splits(self.storage, self.manifest_model)
+        """meta/splits.json as models. It is read again when the file is another one than before."""
+        stamp = self.storage.stamp(manifest.SPLITS)
+        known = self._split_entries
+        if known is None or known[0] != stamp:
+            known = self._split_entries = stamp, read_splits(self.storage, self.manifest_model)
+        return known[1]
 
     @property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
-        return self._episode_frame.copy()  # because nobody's changes of it may change what is read
-
-    @cached_property
-    def _episode_frame(self) -> pd.DataFrame:
         table = with_later(self.episode_table, self.split_entries)
         frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
         return frame

@@ -8,11 +8,15 @@ from itertools import pairwise
 from typing import NamedTuple, TypedDict
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import reference_returns
 from ibdata.dataset.models import Info
 from ibdata.numerics.confidence import estimate
+
+Ints = npt.NDArray[np.int64]
+Objects = npt.NDArray[np.object_]
 
 
 class Result(TypedDict):
@@ -66,18 +70,16 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
     setpoints, returns, lengths = (np.array(episodes[name].to_pylist()) for name in names)
     cells = np.array(episodes["cell"].to_pylist(), dtype=object)
     scales = {steps: _scale(info, steps) for steps in np.unique(lengths).tolist()}
-    new = (cells[1:] != cells[:-1]) | (lengths[1:] != lengths[:-1])
-    starts = [0, *(np.flatnonzero(new) + 1).tolist(), len(cells)]
     results: list[Result] = []
-    for start, stop in pairwise(starts):  # episodes are in the order of their cells
-        found = estimate([returns[start:stop]])
-        setpoint, steps = float(setpoints[start]), int(lengths[start])
+    for places in _of_equal(cells, lengths):
+        found, first = estimate([returns[places]]), places[0]
+        setpoint, steps = float(setpoints[first]), int(lengths[first])
         scale = scales[steps]
         results.append(
             {
-                "policy": policies[start],
+                "policy": policies[first],
                 "setpoint": setpoint,
-                "episodes": stop - start,
+                "episodes": len(places),
                 "steps": steps,
                 "mean_return": found.mean,
                 "standard_error": found.standard_error,
@@ -87,6 +89,16 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
             }
         )
     return {"results": results, "scale": "; ".join(s.text for s in scales.values() if s) or None}
+
+
+def _of_equal(cells: Objects, lengths: Ints) -> list[Ints]:
+    """The places of the episodes of each cell and length, in the order of the first of them."""
+    new = (cells[1:] != cells[:-1]) | (lengths[1:] != lengths[:-1])
+    starts = [0, *(np.flatnonzero(new) + 1).tolist(), len(cells)]
+    runs: dict[tuple[str, int], list[Ints]] = {}
+    for start, stop in pairwise(starts):  # a merged dataset may have several runs of a cell
+        runs.setdefault((cells[start], int(lengths[start])), []).append(np.arange(start, stop))
+    return [np.concatenate(parts) for parts in runs.values()]
 
 
 def _scale(info: Info, steps: int) -> reference_returns.Scale | None:
@@ -110,16 +122,31 @@ def averages(results: Sequence[Result]) -> list[Average]:
 
 
 def _average(policy: str | None, results: Sequence[Result]) -> Average:
-    n = len(results)
-    mean = math.fsum(r["mean_return"] for r in results) / n
-    errors = [r["standard_error"] for r in results if r["standard_error"] is not None]
+    at: dict[float, list[Result]] = {}
+    for result in results:
+        at.setdefault(result["setpoint"], []).append(result)
+    errors = [_mean_error(part) for part in at.values()]
+    known = [error for error in errors if error is not None]
+    mean = _mean([_mean([r["mean_return"] for r in part]) for part in at.values()])
     scores = [r["reference_score"] for r in results if r["reference_score"] is not None]
     return Average(
         policy,
         sum(r["episodes"] for r in results),
         results[0]["steps"],
         mean,
-        math.hypot(*errors) / n if len(errors) == n else None,
+        math.hypot(*known) / len(at) if len(known) == len(at) else None,
         mean / results[0]["steps"],
-        math.fsum(scores) / n if len(scores) == n else None,
+        _mean([_mean([r["reference_score"] or 0.0 for r in part]) for part in at.values()])
+        if len(scores) == len(results)
+        else None,
     )
+
+
+def _mean(numbers: Sequence[float]) -> float:
+    return math.fsum(numbers) / len(numbers)
+
+
+def _mean_error(results: Sequence[Result]) -> float | None:
+    """The standard error of the mean of results; None if one has none."""
+    errors = [r["standard_error"] for r in results if r["standard_error"] is not None]
+    return math.hypot(*errors) / len(errors) if len(errors) == len(results) else None

@@ -16,7 +16,8 @@ from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
 from ibdata.evaluation.results import differences_of, results_of
 from ibdata.evaluation.scores import SCALE, notes, scores, with_references
-from ibdata.experiment.scenario import scenario_of
+from ibdata.experiment.scenario import other_dynamics, scenario_of
+from ibdata.policies import Policy
 from ibdata.policies.custom import is_live
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
@@ -95,11 +96,14 @@ def evaluate(
     if episodes is None:
         episodes = 100 if against is None else SETTINGS["episodes"]
     classic = options.reward.kind == "classic"
-    played, references = with_references([*policies.values()]) if classic else ([*policies.values()], [])
-    refuse_too_much("episodes", RETURN_BYTES * len(played) * episodes)
     scenario = scenario_of(
         setpoint=setpoint, steps=steps, episodes=episodes, start=start, dynamics=dynamics, seed=seed
     )
+    played: list[Policy] = [*policies.values()]
+    references: list[int] = []
+    if classic:
+        played, references = with_references(played, scenario.base)
+    refuse_too_much("episodes", RETURN_BYTES * len(played) * scenario.episodes)
     baselines = [] if against is None else baselines_of(against, scenario, discount, options)
     names = [*policies, *(policy.label for policy in played[len(policies) :])]
     cells = scenario.cells(zip(names, played, strict=True))
@@ -109,6 +113,9 @@ def evaluate(
     labels, own = list(policies), found.first(len(policies))
     points = scenario.points
     scored = scores(own.discounted, found.discounted[references])
+    said = list(notes(scenario.episodes, points, scored[0], classic))
+    for (label, policy), own_notes in zip(policies.items(), own.notes, strict=True):
+        said += [f"{label}: {note}" for note in (*own_notes, *other_dynamics(policy, scenario))]
     return Evaluation(
         results_of(labels, points, own, scored, scenario.steps),
         differences_of(labels, points, own.discounted),
@@ -119,6 +126,11 @@ def evaluate(
         [
             *notes(scenario.episodes, points, scored[0], classic),
             *(f"{label}: {note}" for label, each in zip(labels, own.notes, strict=True) for note in each),
+            *(
+                f"{label}: {note}"
+                for label, policy in policies.items()
+                for note in other_dynamics(policy, scenario)
+            ),
         ],
         compared(baselines, labels, own.discounted[:, 0]),
     )

@@ -27,11 +27,15 @@ class Scores(NamedTuple):
     expert_score: float | None = None
 
 
-def with_references(policies: Sequence[Policy]) -> tuple[list[Policy], list[int]]:
-    """Policies and the reference policies that they lack, and the places of the three reference policies."""
+def with_references(policies: Sequence[Policy], dynamics: str) -> tuple[list[Policy], list[int]]:
+    """Policies and the reference policies that they lack, and the places of the three reference policies.
+
+    The expert is the one that is made for the published dynamics of this name.
+    """
     played, places = list(policies), []
     for kind in REFERENCES:
-        reference = POLICIES[kind](kind=kind)
+        options = {"dynamics": dynamics} if kind == EXPERT else {}
+        reference = POLICIES[kind].model_validate({"kind": kind, **options})
         forms = [policy.form() for policy in played]
         if reference.form() not in forms:
             played.append(reference)

@@ -118,13 +118,6 @@ class Split(FrozenModel):
         here = self.setpoint is None or setpoint in self._setpoints
         return here and (self.policy is None or label in (self.policies() or ()))
 
-    def in_numbers(self, episodes: int) -> Split:
-        """The split with a range in place of a share that holds some of that many episodes."""
-        held = self.indices(episodes)
-        if not isinstance(self.episodes, str) or not held:
-            return self
-        return self.model_copy(update={"episodes": EpisodeRange(start=held.start, stop=held.stop - 1)})
-
     def indices(self, episodes: int) -> range:
         """The indices of the selected episodes in a cell with that many episodes.
 

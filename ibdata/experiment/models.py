@@ -13,7 +13,6 @@ from pydantic import (
     Field,
     PrivateAttr,
     ValidationInfo,
-    field_validator,
     model_validator,
 )
 
@@ -141,13 +140,6 @@ class Experiment(FrozenModel):
         """The experiment as plain data for YAML, including all defaults."""
         return self.model_dump(mode="json", exclude_none=True)
 
-    @field_validator("splits")
-    @classmethod
-    def _in_numbers(cls, splits: dict[str, Split], known: ValidationInfo) -> dict[str, Split]:
-        """Give the shares of splits the numbers of their episodes."""
-        episodes = known.data.get("episodes")
-        return {name: split.in_numbers(episodes) for name, split in splits.items()} if episodes else splits
-
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Experiment:
         folder = (info.context or {}).get("folder")
@@ -182,7 +174,7 @@ class Experiment(FrozenModel):
                 yield "policy", f"found {label!r}, expected one of {known}"
         indices = split.indices(self.episodes)
         without = "leave out all splits by the override splits={}"
-        if isinstance(split.episodes, str):  # one that holds none keeps its share
+        if isinstance(split.episodes, str) and not indices:
             held = f"which is none of {counted(self.episodes, 'episode')}, expected at least one"
             yield "episodes", f"found {split.episodes}, {held}; set more episodes, or {without}"
         elif not indices or indices.stop > self.episodes:

@@ -18,7 +18,15 @@ def override_all(data: Any, overrides: Overrides) -> set[Loc]:
 
     Raises UsageError for an override that is none, or for which there is no place in the data.
     """
-    return {_put(data, key, value) for key, value in _values(overrides)}
+    return {_put(data, *item) for key, value in _values(overrides) for item in _single(key, value)}
+
+
+def _single(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """A mapping for `output`, which has options of its own, as an override of each; others as they are."""
+    if key == "output" and isinstance(value, dict) and value:
+        yield from ((f"output.{name}", inner) for name, inner in value.items())
+    else:
+        yield key, value
 
 
 def _values(overrides: Overrides) -> Iterator[tuple[str, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ from ibdata.experiment.scalars import EpisodeCount, Seed, StepCount
 from ibdata.experiment.setpoints import Setpoints, repeated, setpoint_values
 from ibdata.policies import Policy
 from ibdata.policies.base import FrozenModel
+from ibdata.policies.expert import Expert
 from ibdata.simulation.episodes import World
 
 
@@ -37,6 +38,11 @@ class Scenario(FrozenModel):
     def variant(self) -> Variant:
         """The dynamics as a variant."""
         return VARIANTS[self.dynamics] if isinstance(self.dynamics, str) else self.dynamics.variant()
+
+    @property
+    def base(self) -> str:
+        """The name of the published dynamics, of which single fields may be replaced."""
+        return self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base
 
     @cached_property
     def points(self) -> list[float]:
@@ -62,9 +68,7 @@ class Scenario(FrozenModel):
 
     def cells(self, policies: Iterable[tuple[str, Policy]]) -> tuple[Cell, ...]:
         """The cells with these policies and their labels, by policy and then by setpoint."""
-        dynamics = variant_form(
-            self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base, self.variant
-        )
+        dynamics = variant_form(self.base, self.variant)
         return tuple(
             Cell(dynamics, setpoint, self.drifting, policy, label, self.start_form)
             for label, policy in policies
@@ -77,6 +81,16 @@ class Scenario(FrozenModel):
         if twice := repeated(setpoint_values(setpoint)[0]):
             raise ValueError(twice)
         return setpoint
+
+
+def other_dynamics(policy: Policy, scenario: Scenario) -> Iterator[str]:
+    """What to say of a policy that is made for other dynamics than those of a scenario."""
+    for part in policy.everywhere():
+        if isinstance(part, Expert) and part.dynamics != scenario.base:
+            yield (
+                f"this expert is made for {part.dynamics}; for {scenario.base}, write "
+                f"{{kind: expert, dynamics: {scenario.base}}}"
+            )
 
 
 def scenario_of(**settings: Any) -> Scenario:

@@ -173,11 +173,13 @@ def _references(view: View) -> dict[str, float]:
     """The returns that `minari.get_normalized_score` takes for 0 and 1, scaled as the rewards are.
 
     They are means over the setpoints. There are none for other rewards than the classic one, for moving
-    setpoints, for episodes of different lengths, and where the scale has no such episodes.
+    setpoints, for episodes of different lengths or unequal numbers of them at the setpoints, and where the
+    scale has no such episodes.
     """
     info = view.info
     lengths = view.table["length"].unique().tolist()
-    if view.options.reward.kind != "classic" or view.left_out or info.drifting or len(lengths) > 1:
+    unequal = view.table["setpoint"].value_counts().nunique() > 1
+    if view.options.reward.kind != "classic" or view.left_out or info.drifting or len(lengths) > 1 or unequal:
         return {}
     scale = reference_returns.scale(info.dynamics, info.start, lengths[0], 1.0)
     ends = scale.ends(view.table["setpoint"].unique().tolist()) if scale else None

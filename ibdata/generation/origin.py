@@ -15,6 +15,7 @@ from ibdata.errors import UsageError, say
 from ibdata.experiment import Experiment, as_yaml, self_check
 from ibdata.experiment.code import changed, customs, names_of, record
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.scenario import other_dynamics
 from ibdata.generation.warm_up import known_answer, play_custom, warm_up
 from ibdata.policies.custom import LIVE
 from ibdata.system.files import plain_bytes, write, write_new
@@ -44,7 +45,7 @@ class Origin(JsonObject):
 def observe(spec: DatasetSpec) -> Origin:
     """Determine the origin of a run: load its policies, play two steps, and record what was imported.
 
-    What a user should know about custom policies is said on stderr.
+    What a user should know about its policies is said on stderr.
     """
     origin = Origin(
         data_version=manifest.DATA_VERSION,
@@ -55,9 +56,13 @@ def observe(spec: DatasetSpec) -> Origin:
     if customs(spec):
         for experiment in spec.experiments:
             play_custom(experiment)
-    for policy in customs(spec):
-        for note in policy.notes():
-            say(f"{policy.target}: {note}")
+    for custom in customs(spec):
+        for note in custom.notes():
+            say(f"{custom.target}: {note}")
+    for experiment in spec.experiments:
+        for label, policy in zip(experiment.labels, experiment.policies, strict=True):
+            for note in other_dynamics(policy, experiment.scenario):
+                say(f"{label}: {note}")
     return origin
 
 

@@ -62,6 +62,14 @@ class Storage:
             os.close(descriptor)
         return pa.OSFile(os.fsencode(place))
 
+    def stamp(self, path: str) -> Any:
+        """What changes with a file that is replaced; None where that is not known, as at a URL."""
+        try:
+            status = os.stat(self._path / path)
+        except OSError:
+            return None
+        return status.st_ino, status.st_size, status.st_mtime_ns
+
     def read(self, path: str) -> bytes:
         """Read a whole file."""
         with self.open(path) as file:
@@ -146,6 +154,9 @@ class Remote(Storage):
                 return super().entry(path)
         except OSError:
             return None
+
+    def stamp(self, path: str) -> Any:
+        return None
 
     def names(self, folder: str) -> list[str]:
         from pyarrow.fs import FileSelector

@@ -109,3 +109,24 @@ def test_averages_of_two_lengths_are_apart(whole, mixed):
     twice = {**at_70, "reference_score": at_70["reference_score"] + 10.0}
     assert averages([at_70, twice])[0].reference_score == pytest.approx(own.reference_score + 5.0)
     assert averages([at_70, {**at_70, "standard_error": None}])[0].standard_error is None
+
+
+def test_setpoints_count_alike_in_merged_data(tmp_path):
+    """More episodes at one setpoint, before or after the others, are those of the same cell."""
+    plain = {"setpoints": [10, 100], "policies": ["random"], "episodes": 8, "steps": 50}
+    a = ibdata.generate({**plain, "name": "a"}, tmp_path / "a", workers=1)
+    b = ibdata.generate({**plain, "name": "b", "setpoints": 10, "seed": 1}, tmp_path / "b", workers=1)
+    safe = ibdata.generate(
+        {**plain, "name": "c", "setpoints": 10, "policies": ["safe"]}, tmp_path / "c", workers=1
+    )
+    ab, ba = (ibdata.merge(parts, out=tmp_path / name) for parts, name in (([a, b], "ab"), ([b, a], "ba")))
+    rows = ab.episodes
+    at = {p: rows["return"][rows["setpoint"] == p].mean() for p in (10, 100)}
+    for merged in (ab, ba):
+        results = merged.returns()["results"]
+        assert [(r["setpoint"], r["episodes"]) for r in results] == [(10.0, 16), (100.0, 8)]
+        [average] = averages(results)
+        assert average.mean_return == pytest.approx((at[10] + at[100]) / 2)
+    three = ibdata.merge([ab, safe], out=tmp_path / "three")
+    both = (at[10] + safe.episodes["return"].mean()) / 2
+    assert averages(three.returns()["results"])[-1].mean_return == pytest.approx((both + at[100]) / 2)

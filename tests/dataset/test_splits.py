@@ -125,3 +125,17 @@ def test_a_dataset_replaced_after_opening_is_refused(describe, made_at, tmp_path
             read(opened[name])
         assert error.value.exit_code == 75
     assert len(ibdata.open(tmp_path / "x").table()) == 240
+
+
+def test_a_dataset_that_is_open_reads_splits_that_were_made_since(tmp_path):
+    """Else episodes of a test split would be in the train split of before."""
+    plain = {"name": "s", "setpoints": 20, "policies": ["random"], "episodes": 10, "steps": 5}
+    ds = ibdata.generate(plain, tmp_path / "s", workers=1)
+    for fractions, train in (([0.8, 0.2], 8), ([0.5, 0.5], 5), ([0.9, 0.1], 9)):
+        ibdata.split(ds if train != 9 else ds.path, by="episode", fractions=fractions)
+        assert ds.splits["train"]["episodes"] == train
+        assert sum(names.tolist() == ["train"] for names in ds.episodes["splits"]) == train
+        seen = set(ds.arrays(split="train")["episode"]), set(ds.arrays(split="test")["episode"])
+        assert [len(part) for part in seen] == [train, 10 - train]
+        assert not set.intersection(*seen)
+        assert ds.statistics("train") == ibdata.open(ds.path).statistics("train")

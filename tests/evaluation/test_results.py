@@ -57,7 +57,10 @@ SETTINGS = [
 
 @pytest.mark.parametrize("settings", SETTINGS)
 def test_random_scores_0_and_the_top_100_without_error(settings):
-    found = evaluate(["random", "safe", "optimized", "expert"], episodes=30, **settings)
+    base = settings.get("dynamics", {"base": "siemens"})["base"]
+    found = evaluate(
+        ["random", "safe", "optimized", {"kind": "expert", "dynamics": base}], episodes=30, **settings
+    )
     random, safe, optimized, expert = found.results
     assert (random.score, random.score_error, random.expert_score) == (0.0, 0.0, 0.0)
     assert (optimized.score, optimized.score_error, expert.expert_score) == (100.0, 0.0, 100.0)

@@ -209,10 +209,11 @@ def test_a_changed_copy_is_checked(change):
         (2, {"train": (0, 0), "validation": (1, 1)}),
     ],
 )
-def test_shares_of_splits_become_ranges_that_do_not_meet(episodes, ranges):
+def test_shares_of_splits_are_ranges_that_do_not_meet(episodes, ranges):
     splits = {"train": {"episodes": "first 90%"}, "validation": {"episodes": "last 10 %"}}
-    found = experiment(episodes=episodes, splits=splits).splits
-    assert {name: (split.episodes.start, split.episodes.stop) for name, split in found.items()} == ranges
+    made = experiment(episodes=episodes, splits=splits).splits
+    found = {name: split.indices(episodes) for name, split in made.items()}
+    assert {name: (held.start, held.stop - 1) for name, held in found.items()} == ranges
 
 
 @pytest.mark.parametrize(
@@ -240,3 +241,14 @@ def test_a_shipped_set_of_one_episode_is_made_without_splits():
         load("siemens-offline/bad-20", ["episodes=1"])
     assert load("siemens-offline/bad-20", ["episodes=1", "splits={}"]).splits == {}
     assert list(load("siemens-offline/bad-20", ["episodes=2"]).splits) == ["train", "validation"]
+
+
+def test_shares_of_splits_are_those_of_the_episodes_that_are_made():
+    shares = {"train": {"episodes": "first 80%"}, "test": {"episodes": "last 20%"}}
+    small = Experiment(name="x", setpoints=20, policies=["random"], episodes=10, splits=shares)
+    for large in (
+        load(small, {"episodes": 100}),
+        small.model_copy(update={"episodes": 100}),
+        load({**small.plain(), "episodes": 100}),
+    ):
+        assert [len(split.indices(large.episodes)) for split in large.splits.values()] == [80, 20]

@@ -143,3 +143,12 @@ def test_the_environment_is_that_of_the_episodes(long, exported):
     assert made.kwargs == {**options, "dynamics": "siemens", "start": "default"}  # its setpoints differ
     assert made.max_episode_steps == 1000
     assert exported(long, split="target").environment.kwargs["setpoint"] == 75
+
+
+def test_unequal_numbers_of_episodes_have_no_score(long, exported, tmp_path):
+    """Minari knows one pair of ends for all episodes, which would weigh the setpoints otherwise."""
+    [p, *_] = long.episodes["setpoint"].unique()
+    plain = {"name": "more", "setpoints": float(p), "policies": ["random"], "steps": 1000, "seed": 9}
+    more = ibdata.generate(plain, tmp_path / "more", workers=1)
+    merged = ibdata.merge([long, more], out=tmp_path / "merged")
+    assert not {"ref_min_score", "ref_max_score"} & exported(merged).metadata.keys()
