@@ -57,7 +57,7 @@ class Wrapper(Policy):
     """A policy that changes the actions of another one, its `base`, and sees what the base sees.
 
     It needs what the base needs and `own_needs`. The base uses the first of the random numbers and of the
-    memory, the policy itself those that follow: `of_base` and `own` are the two parts.
+    memory, the policy itself those that follow: `of_base` and `beyond_base` are the two parts.
     """
 
     base: Policy
@@ -70,12 +70,12 @@ class Wrapper(Policy):
     @property
     def needs(self) -> Needs:
         """The needs of the base and its own."""
-        base, own = self.base.needs, self.own_needs
+        base, further = self.base.needs, self.own_needs
         return Needs(
-            max(base.history, own.history),
-            base.step_draws + own.step_draws,
-            base.episode_draws + own.episode_draws,
-            base.memory + own.memory,
+            max(base.history, further.history),
+            base.step_draws + further.step_draws,
+            base.episode_draws + further.episode_draws,
+            base.memory + further.memory,
         )
 
     @property
@@ -83,17 +83,17 @@ class Wrapper(Policy):
         """The base."""
         return (self.base,)
 
-    def of_base(self, given: Observed) -> Observed:
+    def of_base(self, observed: Observed) -> Observed:
         """What the base is given."""
-        return given.cut(self.base.needs)
+        return observed.cut(self.base.needs)
 
-    def own(self, given: Observed) -> Observed:
+    def beyond_base(self, observed: Observed) -> Observed:
         """The random numbers and the memory that the base does not use."""
         base = self.base.needs
-        return given._replace(
-            uniforms=np.ascontiguousarray(given.uniforms[:, base.step_draws :]),
-            episode_uniforms=np.ascontiguousarray(given.episode_uniforms[:, base.episode_draws :]),
-            memory=np.ascontiguousarray(given.memory[:, base.memory :]),
+        return observed._replace(
+            uniforms=np.ascontiguousarray(observed.uniforms[:, base.step_draws :]),
+            episode_uniforms=np.ascontiguousarray(observed.episode_uniforms[:, base.episode_draws :]),
+            memory=np.ascontiguousarray(observed.memory[:, base.memory :]),
         )
 
     def base_distribution(self, observed: Observed) -> tuple[Distribution, npt.ArrayLike]:
@@ -162,11 +162,11 @@ class Choice(Policy):
     @property
     def needs(self) -> Needs:
         """As much as the policy needs that needs most, random numbers of an episode for each, and its own."""
-        own, needs = self.own_needs, [policy.needs for policy in self.inner]
+        choice, needs = self.own_needs, [policy.needs for policy in self.inner]
         return Needs(
             history=max(n.history for n in needs),
-            step_draws=max(n.step_draws for n in needs) + own.step_draws,
-            episode_draws=sum(n.episode_draws for n in needs) + own.episode_draws,
+            step_draws=max(n.step_draws for n in needs) + choice.step_draws,
+            episode_draws=sum(n.episode_draws for n in needs) + choice.episode_draws,
             memory=max(n.memory for n in needs),
         )
 
@@ -181,12 +181,12 @@ class Choice(Policy):
     def _parts(self, observed: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
         """Yield each policy that acts in some episodes, the numbers of these, and what it is observed."""
         which, step = self.chosen(observed), observed.step - self.began(observed)
-        own = observed._replace(step=step, memory=np.where(step[:, None] == 0, 0.0, observed.memory))
+        begun = observed._replace(step=step, memory=np.where(step[:, None] == 0, 0.0, observed.memory))
         first = self.own_needs.episode_draws
         for number, policy in enumerate(self.inner):
             needs, rows = policy.needs, np.flatnonzero(which == number)
             if len(rows):
-                part = own._replace(episode_uniforms=observed.episode_uniforms[:, first:]).cut(needs)
+                part = begun._replace(episode_uniforms=observed.episode_uniforms[:, first:]).cut(needs)
                 yield policy, rows, part if len(rows) == len(step) else part.apply(itemgetter(rows))
             first += needs.episode_draws
 

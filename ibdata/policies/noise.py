@@ -63,9 +63,9 @@ class OrnsteinUhlenbeck(Wrapper):
     )
 
     def decide(self, observed: Observed) -> Decision:
-        (base, memory), own = self.base_action(observed), self.own(observed)
-        mean = base + (1.0 - self.theta) * own.memory
-        x = _moved(own.memory, own.uniforms, self.theta, self.sigma)
+        (base, memory), process = self.base_action(observed), self.beyond_base(observed)
+        mean = base + (1.0 - self.theta) * process.memory
+        x = _moved(process.memory, process.uniforms, self.theta, self.sigma)
         return Decision(ClippedNormal(mean, self.sigma), self.remembered(memory, x))
 
 
@@ -115,11 +115,11 @@ class ColouredNoise(Wrapper):
         return Needs(history=0, episode_draws=3 * self.period, memory=3 * self.period)
 
     def decide(self, observed: Observed) -> Decision:
-        (base, memory), own = self.base_action(observed), self.own(observed)
-        noise = own.memory
+        (base, memory), process = self.base_action(observed), self.beyond_base(observed)
+        noise = process.memory
         if (observed.step == 0).any():
             noise = noise.copy()
-            _draw(observed.step, own.episode_uniforms, self.beta, noise)
+            _draw(observed.step, process.episode_uniforms, self.beta, noise)
         return Decision(_with_noise(base, noise, observed.step, self.scale), self.remembered(memory, noise))
 
 
@@ -152,13 +152,13 @@ def _draw(step: Steps, u: Floats, beta: float, noise: Floats) -> None:
     for i in range(noise.shape[0]):
         if step[i] == 0:
             for j in range(3):
-                own = u[i, j * period : (j + 1) * period]
+                draws = u[i, j * period : (j + 1) * period]
                 for k in range(period):
                     real[k], imaginary[k] = 0.0, 0.0
                 for k in range(1, half):
-                    real[k] = weights[k] * standard_normal(own[2 * k])
-                    imaginary[k] = -weights[k] * standard_normal(own[2 * k + 1])
-                real[half] = weights[half] * standard_normal(own[1])
+                    real[k] = weights[k] * standard_normal(draws[2 * k])
+                    imaginary[k] = -weights[k] * standard_normal(draws[2 * k + 1])
+                real[half] = weights[half] * standard_normal(draws[1])
                 transform(real, imaginary, cosines, sines)
                 for t in range(period):
                     noise[i, j * period + t] = real[t]

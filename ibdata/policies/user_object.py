@@ -112,27 +112,31 @@ class UserObject(Policy):
         return f"observations {(n, history * columns)}"
 
     def _call(self, observed: Observed, state: Any) -> Answer:
-        own, n, memory, after = self.adapted, len(observed.step), observed.memory, None
-        if hasattr(own, "decide"):
-            action, returned = self._decision(observed)
+        """Ask the object by the first of its methods."""
+        memory, next_state = observed.memory, None
+        if hasattr(self.adapted, "decide"):
+            answer, next_memory = self._decision(observed)
             if memory.size:
-                memory = numbers(returned, memory.shape, "memory").copy()
-            if isinstance(action, Distribution):
-                return Answer(action, memory, observed.step)
-            found = action
-        elif hasattr(own, "act"):
-            found = own.act(observed.observations.copy(), observed.uniforms.copy())
+                memory = numbers(next_memory, memory.shape, "memory").copy()
+            if isinstance(answer, Distribution):
+                return Answer(answer, memory, observed.step)
+        elif hasattr(self.adapted, "act"):
+            answer = self.adapted.act(observed.observations.copy(), observed.uniforms.copy())
         else:
-            known = {"state": state, "episode_start": observed.step == 0, "deterministic": True}
-            options = {name: known[name] for name in self._keywords}
-            found = self._predict(observed.observations.reshape(n, -1).copy(), **options)
-            if "state" in options and isinstance(found, tuple) and len(found) > 1:
-                after = found[1]
-        if isinstance(found, tuple) and found:
-            found = found[0]
-        plain = actions(found, n).copy()
+            answer = self._predicted(observed, state)
+            if "state" in self._keywords and isinstance(answer, tuple) and len(answer) > 1:
+                next_state = answer[1]
+        if isinstance(answer, tuple) and answer:
+            answer = answer[0]
+        plain = actions(answer, len(observed.step)).copy()
         self._clipped += np.array([np.count_nonzero(np.abs(plain) > 1.0), plain.size])
-        return Answer(plain, memory, observed.step, after)
+        return Answer(plain, memory, observed.step, next_state)
+
+    def _predicted(self, observed: Observed, state: Any) -> Any:
+        """What `predict` or a call answers, with those of the keywords that it has."""
+        known = {"state": state, "episode_start": observed.step == 0, "deterministic": True}
+        options = {name: known[name] for name in self._keywords}
+        return self._predict(observed.observations.reshape(len(observed.step), -1).copy(), **options)
 
     def _decision(self, observed: Observed) -> tuple[Any, Any]:
         """What `decide` answers; a policy of ibdata is given as many numbers as it needs."""
@@ -145,12 +149,12 @@ class UserObject(Policy):
     @cached_property
     def _reset(self) -> Callable[[int], Any] | None:
         """Tells the object that n episodes begin, if it has a method for that."""
-        own = None if isinstance(self.adapted, Policy) else getattr(self.adapted, "reset", None)
-        if not callable(own):
+        reset = None if isinstance(self.adapted, Policy) else getattr(self.adapted, "reset", None)
+        if not callable(reset):
             return None
         named = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.VAR_KEYWORD)
-        takes_one = any(p.kind not in named for p in _parameters(own))
-        return own if takes_one else lambda n: own()
+        takes_one = any(p.kind not in named for p in _parameters(reset))
+        return reset if takes_one else lambda n: reset()
 
     @cached_property
     def _keywords(self) -> set[str]:
@@ -189,9 +193,9 @@ def has_needs(target: Any) -> bool:
     return isinstance(getattr(target, "needs", None), Needs)
 
 
-def needs_of(own: Any, history: int, step_draws: int = 0) -> Needs:
-    """The needs of an object: its own attribute `needs` if it has one, else these."""
-    needs: Needs = own.needs if has_needs(own) else Needs(history, step_draws)
+def needs_of(target: Any, history: int, step_draws: int = 0) -> Needs:
+    """The needs of an object: its attribute `needs` if it has one, else these."""
+    needs: Needs = target.needs if has_needs(target) else Needs(history, step_draws)
     return needs
 
 
