@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.errors import ConfigError, UsageError, say, suggestion
-from ibdata.experiment import validated
 from ibdata.experiment.code import customs_in
-from ibdata.experiment.messages import shown
+from ibdata.experiment.messages import Problem, refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.policies import OBSERVATION, POLICIES, Policy
-from ibdata.policies.base import refuse_density
+from ibdata.numerics.naming import unequal
+from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
+from ibdata.policies.base import FrozenModel, refuse_density
 from ibdata.policies.code import two_places
-from ibdata.policies.custom import TARGET, Custom, is_live
+from ibdata.policies.custom import TARGET, is_live
 from ibdata.policies.purity import refuse_impure
 from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_needs
 from ibdata.policies.weights_file import SUFFIX
@@ -37,23 +37,20 @@ def policies_of(
         if length < 1:
             where = f"history: {name}" if name else "history"
             raise UsageError(f"{where}: found {length!r}, expected a whole number of at least 1")
-    found: dict[str, Policy] = {}
-    taking: list[str] = []  # the labels of policies without a number of observations of their own
-    for label, each in _labelled(given):
-        policy = policy_of(each, common, allow_code)
-        own, name, count = label or policy.label, label or policy.label, 1
-        while name in found:
-            count += 1
-            name = f"{own}-{count}"
-        if isinstance(policy, Custom) and policy.is_live and not has_needs(policy.adapted):
-            taking.append(name)
-            policy = policy.model_copy(update={"history": lengths.get(name, policy.history)})
-        found[name] = policy
-    refuse_unused(common, found.values())
+    given = [(label, policy_of(policy, common, allow_code)) for label, policy in _labelled(given)]
+    labels = unequal(label or policy.label for label, policy in given)
+    policies = dict(zip(labels, (policy for _, policy in given), strict=True))
+    taking = [  # the labels of policies without a number of observations of their own
+        label for label, policy in policies.items() if is_live(policy) and not has_needs(policy.adapted)
+    ]
+    for label in taking:
+        length = lengths.get(label, policies[label].history)
+        policies[label] = policies[label].model_copy(update={"history": length})
+    refuse_unused(common, policies.values())
     for name in lengths.keys() - taking:
         one = f"one of {', '.join(taking)}" if taking else "no label"
         raise UsageError(f"history: found {name!r}, expected {one}: any other policy sets its own number")
-    return found
+    return policies
 
 
 def refuse_unused(history: int, policies: Iterable[Policy]) -> None:
@@ -180,15 +177,20 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
             custom.forget()
 
 
+class _Policies(FrozenModel):
+    policies: list[AnyPolicy]
+
+
 def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Policy:
     """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
-    try:
-        policy = validated({"name": "x", "setpoints": 0, "policies": [block]}, folder).policies[0]
-    except ConfigError as error:
-        problems = [problem.removeprefix("policies.0.") for problem in error.problems]
-        raise ConfigError(
-            [f"{place}: {problem.removeprefix('policies.0: ')}" for problem in problems]
-        ) from None
+    data = {"policies": [block]}
+
+    def line(problem: Problem) -> str:
+        in_block = problem._replace(loc=problem.loc[2:])  # without policies.0
+        return f"{place}: {in_block.text}"
+
+    with refusals(data, _Policies, line):
+        [policy] = _Policies.model_validate(data, context={"folder": folder}).policies
     for custom in customs_in(policy):
         custom.look_in(two_places(folder))
     return policy

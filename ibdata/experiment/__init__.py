@@ -40,7 +40,6 @@ __all__ = [
     "load_all",
     "shipped",
     "suites",
-    "validated",
 ]
 
 
@@ -110,14 +109,6 @@ def _overridden(
 
     with refusals(data, Experiment, line):
         return Experiment.model_validate(data, context={"folder": folder})
-
-
-def validated(data: dict[str, Any], folder: Path | None = None) -> Experiment:
-    """The experiment of plain data, with paths relative to a folder, by default the current one.
-
-    Raises ConfigError with a line `key: found, expected` per problem.
-    """
-    return _overridden(data, (), None, folder)
 
 
 def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> list[Experiment]:

@@ -28,7 +28,8 @@ from life.world import EXPERIMENTS, FAULTS, KILLS, Known, Moment, World
 
 STEPS = 25 if FULL else 15  # of a story
 PARTS = 4  # of the many stories, for as many processes of pytest
-USERS = {"README.md", "README.md.old", "report.html"}  # files that the manifest does not list
+KEPT = tuple(f"README.md{end}" for end in ("", ".old", *(f".old-{n}" for n in range(2, 30))))
+USERS = {*KEPT, "report.html"}  # files that the manifest does not list
 
 
 def places(fits: Callable[[Place], object]) -> st.SearchStrategy[str]:

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.slow
 
 PACKAGE = Path(ibdata.__file__).parent
 TURN = "from ibdata.dynamics.setpoint import steer; print(steer(50.0, 10.0, 1.0))"
-FILE = "dynamics/steering.py"
+FILE = "dynamics/setpoint.py"
 
 
 def run(script=TURN, package=PACKAGE.parent, **variables):

@@ -12,7 +12,7 @@ from helpers.custom_policies import described
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError
-from ibdata.experiment import validated
+from ibdata.experiment import load
 from ibdata.policies.custom import Custom
 
 
@@ -69,7 +69,7 @@ def test_what_cannot_be_used_leaves_nothing(mine):
 def test_code_runs_only_where_it_is_allowed(mine, wrap, capsys):
     block = {"kind": "custom", "target": "mine:actor", "uniforms": 3}
     block = {"kind": "epsilon_greedy", "base": block, "epsilon": 0.5} if wrap else block
-    experiment = validated({**described(target="mine:actor").plain(), "policies": [block]})
+    experiment = load({**described(target="mine:actor").plain(), "policies": [block]})
     for resume in (False, True):
         with pytest.raises(UsageError, match="found a custom policy, mine:actor, which is code"):
             ibdata.generate(experiment, "out", workers=2, resume=resume)
@@ -94,7 +94,7 @@ def test_deterministic_code_has_a_density_and_may_be_a_base(mine):
         {"kind": "gaussian", "base": still, "scale": 0.1},
         {"kind": "epsilon_greedy", "base": still, "epsilon": 0.2},
     ]
-    experiment = validated({**described(target="x:y").plain(), "policies": [still, *others]})
+    experiment = load({**described(target="x:y").plain(), "policies": [still, *others]})
     rows = ibdata.generate(experiment, "out", workers=1, allow_code=True).to_pandas()
     assert (rows["action_log_prob"][rows["policy"] == "custom"] == 0.0).all()
     assert np.isfinite(rows["action_log_prob"]).all()

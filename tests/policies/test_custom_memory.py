@@ -11,7 +11,7 @@ from helpers.custom_policies import PLAIN
 
 import ibdata
 from ibdata.errors import PolicyError
-from ibdata.experiment import validated
+from ibdata.experiment import load
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def make(mine):
         block = {"kind": "custom", "target": f"remembering.py:{name}", **options}
         sticky = {"kind": "sticky", "base": block, "kappa": 0.3}
         plain = {**PLAIN, "setpoints": [20, 70], "policies": [block, sticky], "episodes": 3, "steps": 12}
-        experiment = validated({**plain, "output": {"shard_rows": rows}})
+        experiment = load({**plain, "output": {"shard_rows": rows}})
         out = f"{name}-{rows}-{workers}"
         return ibdata.generate(experiment, out, workers=workers, allow_code=True)
 

@@ -34,36 +34,35 @@ MUTANTS = {  # name: file, then old and new for each changed text
         "step.py", "action[i, 0]", "action[i, 1]", "action[i, 1]", "action[i, 0]"),
     "effective actions swapped in the noise": (
         "step.py",
-        "bernoulli_v[i], x[EFFECTIVE_VELOCITY", "bernoulli_v[i], x[EFFECTIVE_GAIN",
-        "bernoulli_g[i], x[EFFECTIVE_GAIN", "bernoulli_g[i], x[EFFECTIVE_VELOCITY"),
+        "bernoulli_v[i], x[VE", "bernoulli_v[i], x[GE", "bernoulli_g[i], x[GE", "bernoulli_g[i], x[VE"),
     "fatigue amplification": ("fatigue.py", "AMPLIFICATION = 1.1\n", "AMPLIFICATION = 1.12\n"),
     "latent decay": ("fatigue.py", "0.9 * mu", "0.89 * mu"),
-    "cost coefficients swapped": ("operational_cost.py", "4.0 * v + 2.5 * g", "2.5 * v + 4.0 * g"),
+    "cost coefficients swapped": ("consumption.py", "4.0 * v + 2.5 * g", "2.5 * v + 4.0 * g"),
     "convolution delayed by one": (
         "step.py", "convolved_cost(costs, i", "convolved_cost(costs[[*range(1, 10), 9]], i"),
     "convolution reversed": ("step.py", "convolved_cost(costs, i", "convolved_cost(costs[::-1], i"),
-    "Goldstone sign": ("step.py", "= penalty(z", "= -penalty(z"),
+    "Goldstone sign": ("step.py", "= penalty(int", "= -penalty(int"),
     "Goldstone bias sign": ("miscalibration.py", "+ KAPPA * rho_s * w", "- KAPPA * rho_s * w"),
     "reward of t-1": ("step.py", "return new\n", "return new.replace(reward=state.reward)\n"),
     "latents cross-coupled": (  # as in the authors' code of 2017
         "step.py",
         "update_mu(x[MU_V, i]", "update_mu(x[MU_G, i]", "update_mu(x[MU_G, i]", "update_mu(x[MU_V, i]"),
     "history window reversed": (
-        "operational_cost.py",
+        "consumption.py",
         "range(9, 0, -1)", "range(9)", "else history[lag - 1, i]", "else history[lag + 1, i]",
         "        history[0, i] = theta", "        history[9, i] = theta"),
     "consumption and fatigue swapped in the reward": (
-        "step.py", "reward(x[CONSUMPTION, i], x[FATIGUE, i])", "reward(x[FATIGUE, i], x[CONSUMPTION, i])"),
+        "step.py", "reward(x[C, i], x[F, i])", "reward(x[F, i], x[C, i])"),
     "the old setpoint used": (
         "step.py",
-        "    _steer(state, action", "    old = state.setpoint.copy()\n    _steer(state, action",
-        "_update_fatigue(state, noise, k)\n    _update_consumption(state, noise, k)",
-        "new, state.setpoint[:] = state.setpoint.copy(), old\n    _update_fatigue(state, noise, k)\n"
-        "    _update_consumption(state, noise, k)\n    state.setpoint[:] = new"),
+        "    _steer(x, action", "    old = x[P].copy()\n    _steer(x, action",
+        "_update_fatigue(x, noise, k)\n    _update_consumption(x, noise, k)",
+        "new, x[P] = x[P].copy(), old\n    _update_fatigue(x, noise, k)\n"
+        "    _update_consumption(x, noise, k)\n    x[P] = new"),
     "setpoint moved twice": ("setpoint.py", "return moved(p, b),", "return moved(moved(p, b), b),"),
     "setpoint turns before moving": ("variants.py", "drift_flip=(0.0, 0.5)", "drift_flip=(0.5, 0.0)"),
     "segment one step longer": ("setpoint.py", "k.flip_after), left - 1", "k.flip_after), left"),
-    "shift steps at the gain's rate": ("step.py", "steer(x[SHIFT, i], D_H", "steer(x[SHIFT, i], D_G"),
+    "shift steps at the gain's rate": ("step.py", "steer(x[H, i], D_H", "steer(x[H, i], D_G"),
     "alpha threshold as printed": ("variants.py", "alpha_threshold=5.0", "alpha_threshold=1.2"),
     "domain not reset after a turn": (
         "miscalibration.py", "return 1, 1, 0", "return delta_hat, psi_next, 0"),
