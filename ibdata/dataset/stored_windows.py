@@ -15,7 +15,7 @@ import numpy.typing as npt
 from ibdata.dataset.manifest import refuse_inside
 from ibdata.dataset.transitions import Transitions
 from ibdata.errors import UsageError
-from ibdata.system import disk
+from ibdata.system import files
 from ibdata.system.part import locked_part, resolved
 
 Float32s = npt.NDArray[np.float32]
@@ -130,7 +130,7 @@ def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iter
     forms = dict(zip(Stored._fields, _forms(sizes), strict=True))
     size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in forms.values())
     with (folder / DESCRIPTION).open("w") as file:
-        disk.reserve(file.fileno(), size)  # a full disk would end the process that fills a map
+        files.reserve(file.fileno(), size)  # a full disk would end the process that fills a map
         file.truncate(0)
         json.dump(description, file, sort_keys=True)
     maps = [

@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled, inlined
 from ibdata.numerics.exact import exponential, normals
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import uniform
+from ibdata.numerics.random import Raw, uniform
 
 Floats = npt.NDArray[np.float64]
 

@@ -12,8 +12,7 @@ from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Indices, Simulation
 from ibdata.errors import UsageError, excerpt
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import Purpose, integers
+from ibdata.numerics.random import Purpose, Raw, integers
 from ibdata.simulation.carry import begin_lanes
 
 if TYPE_CHECKING:

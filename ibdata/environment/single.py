@@ -10,15 +10,13 @@ import numpy.typing as npt
 from ibdata.arguments import public
 from ibdata.dynamics import State
 from ibdata.environment.actions import continuous_action, discrete_action
-from ibdata.environment.lane import Lane
 from ibdata.environment.replayed import Noise, Replay
 from ibdata.environment.settings import settings
-from ibdata.environment.simulation import Indices
+from ibdata.environment.simulation import Indices, Lane
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import refuse_negative
 from ibdata.errors import UsageError
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import Purpose
+from ibdata.numerics.random import Purpose, Raw
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip

@@ -10,8 +10,7 @@ import numpy as np
 from ibdata.environment.replayed import Noise
 from ibdata.environment.simulation import Indices
 from ibdata.errors import UsageError
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import Purpose
+from ibdata.numerics.random import Purpose, Raw
 
 AHEAD = 512  # integers
 

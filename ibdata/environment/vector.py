@@ -20,7 +20,7 @@ from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams, refuse_negative
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.addresses import within
-from ibdata.numerics.philox import Raw
+from ibdata.numerics.random import Raw
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip

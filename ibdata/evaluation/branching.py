@@ -7,8 +7,7 @@ import numpy as np
 from ibdata.evaluation.play import Floats, returns_of
 from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import form_digest
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import stream_key
+from ibdata.numerics.random import Raw, stream_key
 from ibdata.policies import Policy
 from ibdata.policies.custom import without_runs
 from ibdata.simulation.carry import Carry

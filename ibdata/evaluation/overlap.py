@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
-from ibdata.evaluation.recorded import Recorded
+from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
-from ibdata.experiment.rollout import episodes_of
+from ibdata.experiment.rollout import PART_ROWS, episodes_of
 from ibdata.numerics.random import Purpose
 from ibdata.policies import Observed, Policy
 from ibdata.policies.actions import applied
@@ -22,6 +23,48 @@ Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
 NEVER_EPISODES = 0.001  # the share that may have an action which the data never have
 LOG_NEVER = -1e9  # for the log of a density of 0, finite so that sums of it are numbers
+
+
+class Recorded(NamedTuple):
+    """Recorded episodes."""
+
+    observations: Float32s  # (n, steps, 6)
+    actions: Float32s  # (n, steps, 3)
+
+
+class Part(NamedTuple):
+    """Episodes of an experiment with the same policy."""
+
+    experiment: Experiment
+    numbers: Ints  # of the episodes in the experiment
+    own: Ints  # their places among all
+
+    @property
+    def behaviour(self) -> Policy:
+        """The policy."""
+        policy: Policy = self.experiment.cells[self.numbers[0] // self.experiment.episodes].policy
+        return policy
+
+
+def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
+    """Divide episodes (n,) into parts of bounded memory, those of a policy alike in size."""
+    most = max(1, PART_ROWS // steps)
+    for experiment, own, numbers in source.by_experiment(episodes):
+        per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
+        for policy in np.unique(numbers // per_policy):
+            same = np.flatnonzero(numbers // per_policy == policy)
+            for some in np.array_split(same, -(-len(same) // most)):
+                yield Part(experiment, numbers[some], own[some])
+
+
+def recorded_in(source: Source, episodes: Ints, steps: int) -> tuple[Recorded, Floats, Floats]:
+    """What was seen and done in the first steps of episodes, and the rewards and log densities (n, steps)."""
+    info = source.ds.info_model
+    observed, acted = info.names("observation"), info.names("action")
+    names, counts = [*observed, *acted, "reward", "action_log_prob"], np.full(len(episodes), steps)
+    *values, reward, log_prob = source.stored(names, episodes, counts, np.dtype(np.float64))
+    rows = np.stack(values, axis=2).astype(np.float32)
+    return Recorded(rows[..., : len(observed)], rows[..., len(observed) :]), reward, log_prob
 
 
 class Ratios(NamedTuple):

@@ -100,8 +100,6 @@ def export(
     history = checked_length(history)
     options = view_of(view)
     shown = View(opened(dataset), split, history, options, progress)
-    if shown.rows == 0:
-        raise UsageError(f"split: {split!r} has no rows; choose another split")
     more = {} if id is None else {"id": id}
     if more and not hasattr(format, "place"):
         raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")

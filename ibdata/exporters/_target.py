@@ -12,7 +12,7 @@ from typing import Any
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError, missing
 from ibdata.exporters._own import is_export
-from ibdata.system import disk, signals
+from ibdata.system import files, signals
 from ibdata.system.part import locked_part, resolved
 
 
@@ -71,7 +71,7 @@ def _sync(made: Path) -> None:
     for path in [made, *made.rglob("*")]:
         descriptor = os.open(path, os.O_RDONLY)
         try:
-            disk.sync(descriptor)
+            files.sync(descriptor)
         finally:
             os.close(descriptor)
 
@@ -82,7 +82,7 @@ def reserve(path: Path, size: int) -> None:
     When a write fails, HDF5 ends the process with a segmentation fault (h5py 3.16), without a message.
     """
     with path.open("xb") as file:
-        disk.reserve(file.fileno(), size)
+        files.reserve(file.fileno(), size)
     path.unlink()
 
 

@@ -10,14 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ibdata.arguments import public
-from ibdata.environment.lane import Lane
 from ibdata.environment.settings import settings
-from ibdata.environment.simulation import Simulation
+from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment, load, shipped
 from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import Purpose
+from ibdata.numerics.random import Purpose, Raw
 from ibdata.policies import POLICIES
 from ibdata.simulation.episodes import Ints
 from ibdata.system.cache_folders import cache_folders

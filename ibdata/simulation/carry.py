@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 
 from ibdata.dynamics import State, initial_state
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import Purpose
+from ibdata.numerics.random import Purpose, Raw
 from ibdata.policies import Needs
 from ibdata.policies.actions import clip_and_round
 from ibdata.simulation import kernel

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from ibdata.dynamics import Variant
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
-from ibdata.numerics.philox import Raw
-from ibdata.numerics.random import Purpose, integers, slots, uniforms
+from ibdata.numerics.random import Purpose, Raw, integers, slots, uniforms
 from ibdata.policies import Policy
 
 Floats = npt.NDArray[np.float64]

@@ -12,7 +12,7 @@ from ibdata.dynamics.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, field
 from ibdata.dynamics.state import Floats
 from ibdata.dynamics.step import advance
 from ibdata.numerics.compiled import compiled
-from ibdata.numerics.philox import Raw
+from ibdata.numerics.random import Raw
 from ibdata.policies.actions import clipped_and_rounded
 
 Float32s = npt.NDArray[np.float32]

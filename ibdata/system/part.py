@@ -6,6 +6,8 @@ rename. It stays after a process that failed only if it has receipts, with which
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import json
 import os
 import time
@@ -14,7 +16,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ibdata.errors import BusyError, IbdataError, UsageError, is_thread_limit
-from ibdata.system.exchange import exchanged
 from ibdata.system.files import part_of, remove, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
@@ -23,6 +24,27 @@ LOCK, NOTE, RECEIPTS, OLD = "ibdata.lock", "run.json", "receipts", "old"
 PATIENCE = (
     10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
 )
+AT_FDCWD, RENAME_EXCHANGE, RENAME_SWAP = -100, 2, 2  # of renameat2 and renamex_np
+
+
+def exchanged(a: Path, b: Path) -> bool:
+    """Let two folders change places in one system call; False where there is none that can.
+
+    The call is Linux's renameat2, or macOS's renamex_np, which has not been tried on macOS.
+    """
+    library, names = ctypes.CDLL(None, use_errno=True), (os.fsencode(a), os.fsencode(b))
+    if hasattr(library, "renameat2"):
+        failed = library.renameat2(AT_FDCWD, names[0], AT_FDCWD, names[1], RENAME_EXCHANGE)
+    elif hasattr(library, "renamex_np"):
+        failed = library.renamex_np(*names, RENAME_SWAP)
+    else:
+        return False
+    if not failed:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
+        return False
+    raise OSError(number, os.strerror(number), str(b))
 
 
 class Part:

@@ -24,7 +24,7 @@ from ibdata.system.storage import Storage
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.finish import experiment_files
-from ibdata.writing.json_difference import first_difference
+from ibdata.writing.planned import first_difference
 from ibdata.writing.shard_writer import WrittenShard
 
 INFO, STATISTICS = "meta/dataset.json", "meta/statistics.json"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import pyarrow as pa
 
@@ -16,9 +16,7 @@ from ibdata.measures.quality import MEANING, Quality
 from ibdata.measures.returns import ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
-from ibdata.writing.citation import bibtex
 from ibdata.writing.edited import sealed
-from ibdata.writing.licences import front_matter
 from ibdata.writing.metadata import info, splits
 from ibdata.writing.shard_writer import WrittenShard
 
@@ -39,6 +37,33 @@ SIZES = (
     (10**8, "10M<n<100M"),
     (10**9, "100M<n<1B"),
 )
+
+PAPER = """\
+@inproceedings{hein2017benchmark,
+  title     = {A Benchmark Environment Motivated by Industrial Control Problems},
+  author    = {Hein, Daniel and Depeweg, Stefan and Tokic, Michel and Udluft, Steffen and Hentschel, Alexander
+               and Runkler, Thomas A. and Sterzing, Volkmar},
+  booktitle = {IEEE Symposium Series on Computational Intelligence},
+  year      = {2017},
+  eprint    = {1709.09480},
+  archiveprefix = {arXiv}
+}"""
+IBDATA = """\
+@software{{ibdata,
+  title   = {{ibdata: offline reinforcement-learning datasets of the Industrial Benchmark}},
+  author  = {{{{The ibdata developers}}}},
+  version = {{{version}}},
+  note    = {{Dataset {name}, content root {root}}}
+}}"""
+OTHER = "other"
+# Licences for data and code that the Hub knows by their SPDX names in lower case.
+SAME = """
+apache-2.0 bsd-2-clause bsd-3-clause cc0-1.0 cc-by-2.0 cc-by-2.5 cc-by-3.0 cc-by-4.0 cc-by-sa-3.0 cc-by-sa-4.0
+cc-by-nc-2.0 cc-by-nc-3.0 cc-by-nc-4.0 cc-by-nd-4.0 cc-by-nc-nd-3.0 cc-by-nc-nd-4.0 cc-by-nc-sa-2.0
+cc-by-nc-sa-3.0 cc-by-nc-sa-4.0 cdla-permissive-1.0 cdla-permissive-2.0 cdla-sharing-1.0 etalab-2.0 isc mit
+mpl-2.0 unlicense zlib
+"""
+FAMILIES = {"odbl-1.0": "odbl", "odc-by-1.0": "odc-by", "pddl-1.0": "pddl"}  # which it knows without a number
 
 
 def card(
@@ -204,3 +229,30 @@ def _again(spec: DatasetSpec) -> list[str]:
         "`meta/experiment.yaml` is all it takes to make the dataset again, bit for bit:",
         "`ibdata generate --config meta/experiment.yaml --out ../again`.",
     ]
+
+
+def bibtex(name: str, root: str, version: str) -> str:
+    """The entries of BibTeX for a dataset with this name and content root, made by a version of ibdata."""
+    return f"{PAPER}\n\n{IBDATA.format(name=name, root=root, version=version)}"
+
+
+def front_matter(licences: Sequence[str]) -> list[str]:
+    """The lines of the front matter for these SPDX expressions, of which there is at least one.
+
+    https://huggingface.co/docs/hub/repositories-licenses lists the words; any other licence is `other`.
+
+    >>> front_matter(["CC-BY-4.0"])
+    ['license: cc-by-4.0']
+    >>> front_matter(["ODbL-1.0", "MIT OR Apache-2.0"])
+    ['license: [odbl, other]', 'license_name: "MIT OR Apache-2.0"']
+    """
+    words = {licence: _word(licence) for licence in licences}
+    found = list(dict.fromkeys(words.values()))
+    others = ", ".join(licence for licence, word in words.items() if word == OTHER)
+    lines = [f"license: {found[0] if len(found) == 1 else '[' + ', '.join(found) + ']'}"]
+    return [*lines, f'license_name: "{others}"'] if others else lines
+
+
+def _word(licence: str) -> str:
+    lower = licence.lower()
+    return lower if lower in SAME.split() else FAMILIES.get(lower, OTHER)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
@@ -10,7 +12,6 @@ from ibdata.errors import DatasetError
 from ibdata.experiment.code import customs
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.writing.finish import metadata_files, planned_entry
-from ibdata.writing.json_difference import first_difference
 
 
 def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
@@ -36,3 +37,27 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
         yield "counts", f"clipped_actions: found {listed.clipped_actions}, expected at most one per row"
     if listed.code and listed.reproducible is True:
         yield "code", 'reproducible: found true, expected "same-environment" or false for custom policies'
+
+
+def first_difference(found: Any, expected: Any, *keys: object) -> str | None:
+    """Describe the first difference of JSON data, which are at `keys`; None if they are equal.
+
+    >>> first_difference({"a": [1, 2]}, {"a": [1, 3]})
+    'a.1: found 2, expected 3'
+    """
+    pairs: Iterable[tuple[object, Any, Any]] = ()
+    if isinstance(found, dict) and isinstance(expected, dict):
+        pairs = [(key, found.get(key), expected.get(key)) for key in {**expected, **found}]
+    elif isinstance(found, list) and isinstance(expected, list) and len(found) == len(expected):
+        pairs = zip(range(len(found)), found, expected, strict=True)
+    elif found != expected or isinstance(found, bool) != isinstance(expected, bool):
+        place = f"{'.'.join(map(str, keys))}: " if keys else ""
+        return f"{place}found {_shown(found)}, expected {_shown(expected)}"
+    for key, a, b in pairs:
+        if inner := first_difference(a, b, *keys, key):
+            return inner
+    return None
+
+
+def _shown(value: Any) -> str:
+    return f"{len(value)} values" if isinstance(value, list) else json.dumps(value)[:60]

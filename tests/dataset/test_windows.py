@@ -102,7 +102,7 @@ def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, mo
         assert size >= 480 * (2 * 6 * 4 / 2 + 3 * 4 + 4 + 2)
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("ibdata.system.disk.reserve", full)
+    monkeypatch.setattr("ibdata.system.files.reserve", full)
     with pytest.raises(IbdataError, match=r"windows: cannot be written: No space left on device"):
         dataset.windows(folder=tmp_path / "windows")
     assert list(tmp_path.iterdir()) == []

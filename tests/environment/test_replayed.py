@@ -11,10 +11,9 @@ from helpers import by_hand
 from helpers.watching import Watching
 
 import ibdata
-from ibdata.environment.lane import Lane
 from ibdata.environment.replayed import Noise, Replay
 from ibdata.environment.settings import settings
-from ibdata.environment.simulation import Simulation
+from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import UsageError
 from ibdata.evaluation.states import Source
 from ibdata.numerics.random import Purpose, integers

@@ -12,9 +12,8 @@ from helpers import by_hand
 from ibdata import state_at
 from ibdata.dynamics import initial_state
 from ibdata.environment.actions import continuous_action, continuous_actions
-from ibdata.environment.lane import Lane
 from ibdata.environment.settings import frame_bounds, settings
-from ibdata.environment.simulation import Simulation
+from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import UsageError
 from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies import OBSERVATION

@@ -150,7 +150,7 @@ def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
         sizes.append(len(numbers))
         return log_ratios(experiment, numbers, *others)
 
-    monkeypatch.setattr("ibdata.evaluation.recorded.PART_ROWS", 6 * 15)
+    monkeypatch.setattr("ibdata.evaluation.overlap.PART_ROWS", 6 * 15)
     monkeypatch.setattr("ibdata.evaluation.importance.log_ratios", counted)
     in_parts = ibdata.importance(dataset, "random")
     assert sizes == [14, 13, 13] * 2

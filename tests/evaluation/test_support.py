@@ -13,7 +13,7 @@ from helpers.weighing import BAD, NETWORK, POLICY, Data, few, policy_of, support
 
 from ibdata.errors import UsageError
 from ibdata.evaluation import overlap
-from ibdata.evaluation.mean_weights import notes_on_mean_weights, without_large
+from ibdata.evaluation.importance import notes_on_mean_weights, without_large
 from ibdata.evaluation.overlap import Ratios
 
 CORE = ("random", "safe", "bad", "sampled", "ε-greedy", "sticky bad", "schedule")

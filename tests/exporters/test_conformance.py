@@ -16,7 +16,6 @@ from exporters.reading import equal, hdf5, holds, one_setpoint
 
 import ibdata
 from ibdata.cli import cli
-from ibdata.dataset.models import SplitEntry
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.exporters._view import View
 
@@ -139,12 +138,7 @@ def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_cannot_be_exported_is_refused(dataset, tmp_path, monkeypatch):
-    """A split without rows, and a damaged dataset."""
-    splits = {**dataset.split_entries, "none": SplitEntry(episodes=0, rows=0, declared=False)}
-    monkeypatch.setattr(dataset, "split_entries", splits)
-    with pytest.raises(UsageError, match="split: 'none' has no rows"):
-        ibdata.export(dataset, "csv", tmp_path / "made", split="none")
+def test_a_damaged_dataset_is_refused(dataset, tmp_path, monkeypatch):
     cut = dataset.table().slice(0, 90).to_batches()
     monkeypatch.setattr(dataset, "iter_batches", lambda *args: (b.select(args[0]) for b in cut))
     with pytest.raises(DatasetError, match="the last episode has no end, see ibdata validate"):

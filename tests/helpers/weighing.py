@@ -8,8 +8,7 @@ import numpy as np
 
 from ibdata.errors import UsageError
 from ibdata.evaluation.importance import of_ratios
-from ibdata.evaluation.overlap import log_ratios, refuse_remembered_draws
-from ibdata.evaluation.recorded import Recorded
+from ibdata.evaluation.overlap import Recorded, log_ratios, refuse_remembered_draws
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
 from ibdata.policies import POLICIES

@@ -29,8 +29,7 @@ from ibdata.dynamics.noise import (
     standard_noise,
 )
 from ibdata.numerics import exact
-from ibdata.numerics.philox import Word, mulhi, philox
-from ibdata.numerics.random import Purpose, integers, slots, stream_key, uniform
+from ibdata.numerics.random import Purpose, Word, integers, mulhi, philox, slots, stream_key, uniform
 
 examples = tries(200)
 

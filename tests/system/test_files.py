@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from ibdata.system import disk
+from ibdata.system import files
 from ibdata.system.cache_folders import cache_folders
-from ibdata.system.exchange import exchanged
 from ibdata.system.files import write
+from ibdata.system.part import exchanged
 from ibdata.system.processes import available_processors
 
 
@@ -83,9 +83,9 @@ def test_macos_exchanges_folders_by_its_own_call(monkeypatch, tmp_path, number, 
 def test_room_is_asked_for_where_it_cannot_be_reserved(monkeypatch, tmp_path):
     monkeypatch.delattr(os, "posix_fallocate")
     with (tmp_path / "file").open("wb") as file:
-        disk.reserve(file.fileno(), 1)
+        files.reserve(file.fileno(), 1)
         with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
-            disk.reserve(file.fileno(), 2**62)
+            files.reserve(file.fileno(), 2**62)
 
 
 def test_unknown_own_processors_are_those_of_the_machine(monkeypatch):

@@ -11,9 +11,7 @@ import ibdata
 from ibdata.dataset import manifest
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.report import card as write_card
-from ibdata.writing.card import facts
-from ibdata.writing.citation import PAPER
-from ibdata.writing.licences import front_matter
+from ibdata.writing.card import PAPER, facts, front_matter
 
 SMALL = {"name": "small", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 3}
 
