@@ -52,10 +52,10 @@ def _of_stable_baselines(model: Any) -> Actor:
     _refuse_other_bounds(model.action_space.low, model.action_space.high)
     if getattr(model, "use_sde", False):
         raise UsageError("model: found use_sde=True, whose noise depends on earlier steps; expected False")
-    found, scaling = model.get_vec_normalize_env(), {}
-    if found is not None and found.norm_obs:
-        std = np.sqrt(found.obs_rms.var + found.epsilon)
-        scaling = {"mean": found.obs_rms.mean.ravel(), "std": std.ravel(), "clip": found.clip_obs}
+    normalize, scaling = model.get_vec_normalize_env(), {}
+    if normalize is not None and normalize.norm_obs:
+        std = np.sqrt(normalize.obs_rms.var + normalize.epsilon)
+        scaling = {"mean": normalize.obs_rms.mean.ravel(), "std": std.ravel(), "clip": normalize.clip_obs}
 
     def own(inputs: npt.NDArray[np.float32]) -> Any:
         seen = inputs.reshape(len(inputs), *model.observation_space.shape)

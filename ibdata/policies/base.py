@@ -113,11 +113,11 @@ class FrozenModel(BaseModel):
         return {name: getattr(self, name) for name in type(self).model_fields}
 
 
-def refuse_density(own: Any) -> None:
+def refuse_density(policy: Any) -> None:
     """Raise TypeError for a policy or an object that states a density beside its actions."""
     for method in ("log_density", "log_prob"):
-        if callable(getattr(own, method, None)):
-            name = own.__name__ if isinstance(own, type) else type(own).__name__
+        if callable(getattr(policy, method, None)):
+            name = policy.__name__ if isinstance(policy, type) else type(policy).__name__
             raise TypeError(
                 f"{name}: found {method}, expected decide to return Decision(distribution, memory), such as "
                 "Decision(ClippedNormal(mean, sd), memory), which has its density; see "

@@ -59,13 +59,13 @@ def numbers(answer: Any, shape: tuple[int, ...], what: str) -> Floats:
     try:
         if np.iscomplexobj(answer):
             raise TypeError
-        found = np.asarray(answer, dtype=np.float64)
+        array = np.asarray(answer, dtype=np.float64)
     except (TypeError, ValueError):
         raise AnswerError(f"found {excerpt(answer)}, expected {what} of shape {shape}") from None
-    if found.shape != shape:
-        shown = excerpt(answer) if found.ndim == 0 else f"{what} of shape {found.shape}"
+    if array.shape != shape:
+        shown = excerpt(answer) if array.ndim == 0 else f"{what} of shape {array.shape}"
         raise AnswerError(f"found {shown}, expected {what} of shape {shape}")
-    return found
+    return array
 
 
 def decision(answer: Any) -> tuple[Any, Any]:
@@ -120,8 +120,8 @@ class Checked(NamedTuple):
             clipped = int(clip_and_round(proposed, out))
             if clipped < 0:
                 row = -1 - clipped
-                found = f"found action {proposed[row]}, expected finite numbers"
-                raise PolicyError(f"{self._place(observed, row)}: {found}")
+                problem = f"found action {proposed[row]}, expected finite numbers"
+                raise PolicyError(f"{self._place(observed, row)}: {problem}")
             if isinstance(distribution, Certain) and log_density is not None:
                 log_density[:] = 0.0  # of an action that it is certain of
             elif log_density is not None:

@@ -42,17 +42,17 @@ def two_places(folder: Path | None) -> Places:
 
 def located(name: str, what: str, places: Places) -> Path:
     """The path of a file beside the YAML file or in the current folder. The errors begin with `what`."""
-    paths = dict.fromkeys(place / name for place in reversed(places))
-    found = [path for path in paths if path.is_file()]
-    if not found:
+    paths = dict.fromkeys(folder / name for folder in reversed(places))
+    files = [path for path in paths if path.is_file()]
+    if not files:
         named = printable(" or ".join(map(str, paths)))
         raise UsageError(
             f"{what}: found no file {printable(name)!r}, expected it beside the experiment's YAML file or in "
             f"the current folder: {named}; copy it there, or go to the folder in which it is"
         )
-    if len(found) > 1 and not filecmp.cmp(found[0], found[1], shallow=False):
-        raise UsageError(f"{what}: found {found[0]} and {found[1]}, which differ; remove one")
-    return found[0]
+    if len(files) > 1 and not filecmp.cmp(files[0], files[1], shallow=False):
+        raise UsageError(f"{what}: found {files[0]} and {files[1]}, which differ; remove one")
+    return files[0]
 
 
 def is_fresh() -> bool:
@@ -162,10 +162,12 @@ def _place(error: BaseException) -> str:
         lines.append((Path(error.filename), error.lineno or 1))
     lines = [at for at in lines if not at[0].is_relative_to(PACKAGE)]
     in_packages = [at for at in lines if _is_in_package(at[0])]
-    own = [at for at in lines if not (is_installed(at[0]) or str(at[0]).startswith("<frozen"))]
-    on_disk = [at for at in own if at[0].is_file()]  # the others are cells of notebooks and texts
-    found = on_disk or own or in_packages
-    if not found:
+    outside_packages = [at for at in lines if not (is_installed(at[0]) or str(at[0]).startswith("<frozen"))]
+    on_disk = [
+        at for at in outside_packages if at[0].is_file()
+    ]  # the others are cells and texts
+    candidates = on_disk or outside_packages or in_packages
+    if not candidates:
         return ""
-    (file, line), here = found[-1], Path.cwd()
+    (file, line), here = candidates[-1], Path.cwd()
     return f"{file.relative_to(here) if file.is_relative_to(here) else file}:{line}: "

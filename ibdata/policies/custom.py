@@ -104,10 +104,10 @@ class Custom(UserObject):
             name = re.sub(r"\W", "_", getattr(target, "__name__", type(target).__name__))
             own_needs = {"history": needs.history, "uniforms": needs.step_draws}
             data = {**own_needs, **data, "target": LIVE + name, "params": {"run": run}}
-        made = handler(data)
-        if made.is_live:
-            made._held = holder or _held_by_run.get(str(made.params.get("run")))
-        return made
+        policy = handler(data)
+        if policy.is_live:
+            policy._held = holder or _held_by_run.get(str(policy.params.get("run")))
+        return policy
 
     @model_validator(mode="after")
     def _check(self) -> Custom:
@@ -136,8 +136,8 @@ class Custom(UserObject):
     @property
     def needs(self) -> Needs:
         """The options; an object with `decide` also says what it remembers and draws for an episode."""
-        own = needs_of(self.adapted, self.history, self.uniforms)
-        return own._replace(history=self.history, step_draws=self.uniforms)
+        needs = needs_of(self.adapted, self.history, self.uniforms)
+        return needs._replace(history=self.history, step_draws=self.uniforms)
 
     def form(self) -> dict[str, Any]:
         """The kind and the options, without the files, which are recorded with the run like the code."""
@@ -204,7 +204,7 @@ class Custom(UserObject):
         source, _, name = self.target.partition(":")
         try:
             with loading(self.target), apart_from_results():
-                own = self._made(self._found(imported(source, self.file()), name))
+                actor = self._object_of(self._attribute(imported(source, self.file()), name))
         except (PolicyError, UsageError, KeyboardInterrupt):
             raise
         except BaseException as error:
@@ -213,25 +213,25 @@ class Custom(UserObject):
                 folders = " or ".join(map(str, self.places))
                 line += f"; expected the module in {printable(folders)}, or installed"
             raise PolicyError(line) from error
-        if not can_act(own):
-            raise PolicyError(f"{self.target}: found {type(own).__name__}, expected {EXPECTED}")
-        self._refuse_other_form(own)
-        return own
+        if not can_act(actor):
+            raise PolicyError(f"{self.target}: found {type(actor).__name__}, expected {EXPECTED}")
+        self._refuse_other_form(actor)
+        return actor
 
-    def _found(self, module: ModuleType, name: str) -> Any:
+    def _attribute(self, module: ModuleType, name: str) -> Any:
         """What the module has under this name."""
         if not hasattr(module, name):
-            own = [each for each in vars(module) if not each.startswith("_")]
-            raise PolicyError(f"{self.target}: found no {name!r} in the module{suggestion(name, own)}")
+            names = [known for known in vars(module) if not known.startswith("_")]
+            raise PolicyError(f"{self.target}: found no {name!r} in the module{suggestion(name, names)}")
         return getattr(module, name)
 
-    def _made(self, found: Any) -> Any:
+    def _object_of(self, target: Any) -> Any:
         """What the target is, or makes of `params`."""
-        if inspect.isfunction(found):
-            parameters = inspect.signature(found).parameters.values()
-            first = next((each.name for each in parameters), "")
+        if inspect.isfunction(target):
+            parameters = inspect.signature(target).parameters.values()
+            first = next((parameter.name for parameter in parameters), "")
             if first == "observations":
-                return partial(found, **self.params) if self.params else found
+                return partial(target, **self.params) if self.params else target
             positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
             needed = [x.name for x in parameters if x.kind in positional and x.default is x.empty]
             if not self.params and needed:
@@ -239,24 +239,24 @@ class Custom(UserObject):
                     f"{self.target}: found a function of {', '.join(needed)}, expected one whose first "
                     "parameter is `observations`, or params for one that makes a policy"
                 )
-        acts = not isinstance(found, type) and (has_method(found) or is_torch_module(found))
-        return found(**self.params) if callable(found) and not acts else found
+        acts = not isinstance(target, type) and (has_method(target) or is_torch_module(target))
+        return target(**self.params) if callable(target) and not acts else target
 
-    def _refuse_other_form(self, own: Any) -> None:
+    def _refuse_other_form(self, actor: Any) -> None:
         """PolicyError for an object that needs more than the options say, or states a density itself."""
         try:
-            refuse_density(own)
+            refuse_density(actor)
         except TypeError as error:
             raise PolicyError(f"{self.target}: {error}") from None
-        needs = needs_of(own, self.history, self.uniforms)
-        for option, found, least in (
+        needs = needs_of(actor, self.history, self.uniforms)
+        for option, number, least in (
             ("history", self.history, needs.history),
             ("uniforms", self.uniforms, needs.step_draws),
         ):
-            if found < least:
+            if number < least:
                 raise PolicyError(
-                    f"{self.target}: found {option}: {found}, expected at least the needs of "
-                    f"{type(own).__name__}; write {option}: {least}"
+                    f"{self.target}: found {option}: {number}, expected at least the needs of "
+                    f"{type(actor).__name__}; write {option}: {least}"
                 )
 
 

@@ -94,8 +94,8 @@ def numbers(dynamics: str) -> tuple[Floats, Feedback]:
     Between two rows the values are interpolated. At a setpoint with two rows one way to run the system ends
     and another begins.
     """
-    found = json.loads(FILE.read_text(encoding="utf-8"))[dynamics]
-    return np.array(found["table"]), Feedback(**found["feedback"])
+    stored = json.loads(FILE.read_text(encoding="utf-8"))[dynamics]
+    return np.array(stored["table"]), Feedback(**stored["feedback"])
 
 
 @compiled

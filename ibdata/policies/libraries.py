@@ -149,7 +149,7 @@ def _model_of(target: Any) -> Any:
 
 def _layers(env: Any) -> tuple[list[Layer], list[Layer]]:
     """All wrappers of an environment of SB3, and the innermost environments; none if they have ended."""
-    *wrappers, own = _nested(env, "venv")
+    *wrappers, innermost = _nested(env, "venv")
     while "venv" in vars(env):
         env = env.venv
     if hasattr(env, "envs"):
@@ -158,11 +158,11 @@ def _layers(env: Any) -> tuple[list[Layer], list[Layer]]:
         try:
             texts = env.env_method("__str__")
         except (OSError, EOFError):
-            return [*wrappers, own], []
+            return [*wrappers, innermost], []
         lanes = [[("", name) for name in re.findall(r"<(\w+)(?=[< ])", text)] for text in texts]
     else:
-        return wrappers, [own]
-    return [*wrappers, own, *chain(*(lane[:-1] for lane in lanes))], [lane[-1] for lane in lanes]
+        return wrappers, [innermost]
+    return [*wrappers, innermost, *chain(*(lane[:-1] for lane in lanes))], [lane[-1] for lane in lanes]
 
 
 def _nested(env: Any, inner: str) -> list[Layer]:

@@ -71,9 +71,9 @@ def save_network(
         raise
     except (AttributeError, TypeError, ValueError) as error:
         raise UsageError(f"model: found {type(model).__name__} ({error}), expected {KNOWN}") from None
-    given = {"mean": mean, "std": std, "clip": clip}
+    chosen = {"mean": mean, "std": std, "clip": clip}
     scaling = {"mean": np.zeros(COLUMNS), "std": np.ones(COLUMNS), **actor.scaling}
-    scaling |= {key: value for key, value in given.items() if value is not None}
+    scaling |= {key: value for key, value in chosen.items() if value is not None}
     metadata = {
         "layout": LAYOUT,
         "frames": str(history),
@@ -106,8 +106,8 @@ def _refuse_other_actions(model: Any, actor: Actor, weights: Weights) -> None:
     outputs = weights.outputs(inputs, is_scaled=True)[:, :ACTIONS].astype(np.float64)
     expected = np.tanh(outputs) if actor.squash == "tanh" else np.clip(outputs, -1.0, 1.0)
     try:
-        found = np.clip(np.asarray(actor.own(inputs), dtype=np.float64), -1.0, 1.0)
-        off = float(np.abs(found - expected).max())
+        actions = np.clip(np.asarray(actor.own(inputs), dtype=np.float64), -1.0, 1.0)
+        off = float(np.abs(actions - expected).max())
     except Exception as error:
         raise UsageError(f"model: its actions could not be compared ({error}); expected {KNOWN}") from None
     if not off <= TOLERANCE:

@@ -44,8 +44,8 @@ class Prbs(Deterministic):
     def decide(self, observed: Observed) -> Decision:
         signs = sequence(self.order)
         length = len(signs)
-        place = np.floor(observed.episode_uniforms[:, 0] * (length * self.hold)).astype(np.int64)
-        bit = (place + observed.step) // self.hold
+        start = np.floor(observed.episode_uniforms[:, 0] * (length * self.hold)).astype(np.int64)
+        bit = (start + observed.step) // self.hold
         apart = np.arange(3) * (length // 3)
         return Decision(self.amplitude * signs[(bit[:, None] + apart) % length], observed.memory)
 
@@ -88,9 +88,9 @@ class Multisine(Deterministic):
     amplitude: Amplitude = Field(default=1.0, description="the highest peak")
 
     def decide(self, observed: Observed) -> Decision:
-        place = np.floor(observed.episode_uniforms[:, 0] * self.period).astype(np.int64)
+        start = np.floor(observed.episode_uniforms[:, 0] * self.period).astype(np.int64)
         signals = waves(self.sines, self.period)
-        return Decision(self.amplitude * signals[(place + observed.step) % self.period], observed.memory)
+        return Decision(self.amplitude * signals[(start + observed.step) % self.period], observed.memory)
 
     @model_validator(mode="after")
     def _check(self) -> Multisine:

@@ -154,8 +154,8 @@ def _metadata(texts: Mapping[str, str]) -> Metadata:
         return Metadata.model_validate(texts)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        found = printable(f"found {first['input']!r}")[:60]
-        problem = "missing" if first["type"] == "missing" else f"{found}, expected {first['msg']}"
+        value = printable(f"found {first['input']!r}")[:60]
+        problem = "missing" if first["type"] == "missing" else f"{value}, expected {first['msg']}"
         raise ValueError(f"metadata: {'.'.join(map(str, first['loc']))}: {problem}") from None
 
 

@@ -65,11 +65,11 @@ def replay(
         return answer.reshape(n, steps, *answer.shape[1:])
     answers = []
     for first in range(0, steps, BLOCK):
-        for t, given in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
+        for t, simulated in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
             at_step = partial(_at_step, step=t)
-            then = given._replace(observations=at_step(seen), actions=at_step(actions_before))
-            distribution, carry.memory = policy.distribution(then)
-            answers.append(question(distribution, then, at_step))
+            recorded = simulated._replace(observations=at_step(seen), actions=at_step(actions_before))
+            distribution, carry.memory = policy.distribution(recorded)
+            answers.append(question(distribution, recorded, at_step))
     return np.stack(answers, axis=1)
 
 
