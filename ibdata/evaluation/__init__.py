@@ -108,29 +108,21 @@ def evaluate(
     names = [*policies, *(policy.label for policy in played[len(policies) :])]
     cells = scenario.cells(zip(names, played, strict=True))
     with bar(progress, len(cells) * scenario.episodes * scenario.steps, "steps") as advance:
-        found = play(scenario, cells, discount, advance, options)
+        everything = play(scenario, cells, discount, advance, options)
 
-    labels, own = list(policies), found.first(len(policies))
+    labels, of_policies = list(policies), everything.first(len(policies))
     points = scenario.points
-    scored = scores(own.discounted, found.discounted[references])
-    said = list(notes(scenario.episodes, points, scored[0], classic))
-    for (label, policy), own_notes in zip(policies.items(), own.notes, strict=True):
-        said += [f"{label}: {note}" for note in (*own_notes, *other_dynamics(policy, scenario))]
+    scored = scores(of_policies.discounted, everything.discounted[references])
+    all_notes = list(notes(scenario.episodes, points, scored[0], classic))
+    for (label, policy), notes_of_policy in zip(policies.items(), of_policies.notes, strict=True):
+        all_notes += [f"{label}: {note}" for note in (*notes_of_policy, *other_dynamics(policy, scenario))]
     return Evaluation(
-        results_of(labels, points, own, scored, scenario.steps),
-        differences_of(labels, points, own.discounted),
-        SCALE if any(each.score is not None for each in scored[0]) else None,
-        own.discounted,
+        results_of(labels, points, of_policies, scored, scenario.steps),
+        differences_of(labels, points, of_policies.discounted),
+        SCALE if any(score.score is not None for score in scored[0]) else None,
+        of_policies.discounted,
         scenario.steps,
         discount,
-        [
-            *notes(scenario.episodes, points, scored[0], classic),
-            *(f"{label}: {note}" for label, each in zip(labels, own.notes, strict=True) for note in each),
-            *(
-                f"{label}: {note}"
-                for label, policy in policies.items()
-                for note in other_dynamics(policy, scenario)
-            ),
-        ],
-        compared(baselines, labels, own.discounted[:, 0]),
+        all_notes,
+        compared(baselines, labels, of_policies.discounted[:, 0]),
     )

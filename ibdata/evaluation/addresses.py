@@ -36,22 +36,22 @@ class Addresses:
         experiments = np.array([shard.experiment for shard in shards])
         offsets = np.array([shard.offset for shard in shards])
         for i in np.unique(experiments).tolist():
-            own = np.flatnonzero(experiments == i)
-            yield self._spec.experiments[i], own, episodes[own] - offsets[own]
+            places = np.flatnonzero(experiments == i)
+            yield self._spec.experiments[i], places, episodes[places] - offsets[places]
 
 
 def whole(what: str, given: Any) -> Ints:
     """Whole numbers (n,) from a number or an array."""
-    found = np.asarray(given)
-    if found.dtype.kind not in "iu" or found.ndim > 1:
+    numbers = np.asarray(given)
+    if numbers.dtype.kind not in "iu" or numbers.ndim > 1:
         raise UsageError(f"{what}: found {excerpt(given)}, expected whole numbers")
-    return np.atleast_1d(found).astype(np.int64)
+    return np.atleast_1d(numbers).astype(np.int64)
 
 
 def within(what: str, given: Any, count: int) -> Ints:
     """Whole numbers (n,) from 0 to count - 1."""
-    found = whole(what, given)
-    wrong = (found < 0) | (found >= count)
+    numbers = whole(what, given)
+    wrong = (numbers < 0) | (numbers >= count)
     if wrong.any():
-        raise UsageError(f"{what}: found {found[np.argmax(wrong)]}, expected one of 0 to {count - 1}")
-    return found
+        raise UsageError(f"{what}: found {numbers[np.argmax(wrong)]}, expected one of 0 to {count - 1}")
+    return numbers

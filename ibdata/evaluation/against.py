@@ -44,10 +44,10 @@ def baselines_of(name: str, scenario: Scenario, discount: float, view: ViewOptio
     """
     lines = shipped_baselines()
     sets = list(dict.fromkeys(line.set for line in lines))
-    last = [each.partition("/")[2] for each in sets]
-    short = {each: end if last.count(end) == 1 else each for each, end in zip(sets, last, strict=True)}
-    found = next((each for each in sets if name in (each, short[each])), None)
-    if found is None:
+    last = [path.partition("/")[2] for path in sets]
+    short = {path: end if last.count(end) == 1 else path for path, end in zip(sets, last, strict=True)}
+    chosen = next((path for path in sets if name in (path, short[path])), None)
+    if chosen is None:
         known = ", ".join(short.values())
         raise UsageError(
             f"--against: found {name!r}, expected one of {known}{suggestion(name, short.values())}"
@@ -55,15 +55,15 @@ def baselines_of(name: str, scenario: Scenario, discount: float, view: ViewOptio
     if view.reward.kind != "classic":
         raise UsageError(f"--reward: found {view.reward.kind}, expected classic: --against compares with it")
     _refuse_other_episodes(scenario, discount)
-    return [line for line in lines if line.set == found]
+    return [line for line in lines if line.set == chosen]
 
 
 def compared(lines: list[Baseline], labels: list[str], returns: Floats) -> list[Comparison]:
     """Compare policies, by their returns (policies, episodes), with each algorithm in the lines of a set."""
     algorithms = dict.fromkeys(line.algorithm for line in lines)
     return [
-        _comparison([line for line in lines if line.algorithm == algorithm], label, own)
-        for label, own in zip(labels, returns, strict=True)
+        _comparison([line for line in lines if line.algorithm == algorithm], label, of_policy)
+        for label, of_policy in zip(labels, returns, strict=True)
         for algorithm in algorithms
     ]
 
@@ -74,14 +74,14 @@ def _comparison(lines: list[Baseline], policy: str, returns: Floats) -> Comparis
     values = [line.values for line in lines if line.values is not None]
     if not values:
         return Comparison(name, algorithm, 0, None, None, None, policy, None, None, None)
-    means = [float(each.mean()) for each in values]
+    means = [float(of_seed.mean()) for of_seed in values]
     mean, difference = sum(means) / len(means), estimate([returns - np.mean(values, axis=0)])
     return Comparison(name, algorithm, len(values), mean, min(means), max(means), policy, *difference)
 
 
 def _refuse_other_episodes(scenario: Scenario, discount: float) -> None:
     [point, *others] = scenario.points
-    found = {
+    settings = {
         "setpoint": "drifting" if scenario.drifting else scenario.points if others else point,
         "steps": scenario.steps,
         "discount": discount,
@@ -91,10 +91,10 @@ def _refuse_other_episodes(scenario: Scenario, discount: float) -> None:
         "seed": scenario.seed,
     }
     for name, expected in SETTINGS.items():
-        if found[name] != expected:
+        if settings[name] != expected:
             every = ", ".join(f"{key} {_shown(value)}" for key, value in SETTINGS.items())
             raise UsageError(
-                f"--{name}: found {_shown(found[name])}, expected {_shown(expected)}: --against compares "
+                f"--{name}: found {_shown(settings[name])}, expected {_shown(expected)}: --against compares "
                 f"with the returns of {every}"
             )
 

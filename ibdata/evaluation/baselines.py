@@ -118,9 +118,9 @@ def baselines(published: bool = False) -> pd.DataFrame:
 def _trained() -> pd.DataFrame:
     import pandas as pd
 
-    found = shipped_baselines()
-    frame = pd.DataFrame([dict(line) for line in found], columns=list(Baseline.model_fields))
-    frame["returns"] = pd.Series([line.values for line in found], dtype=object)
+    lines = shipped_baselines()
+    frame = pd.DataFrame([dict(line) for line in lines], columns=list(Baseline.model_fields))
+    frame["returns"] = pd.Series([line.values for line in lines], dtype=object)
     return frame.astype(
         {"seed": "Int64", "mean_return": "float64", "standard_error": "float64", "p10": "float64"}
     )
@@ -132,6 +132,6 @@ def _beside_published() -> pd.DataFrame:
 
     known = pd.read_csv(PUBLISHED).melt("set", var_name="algorithm", value_name="published_p10")
     known["published_p10"] = known["published_p10"].astype("float64")
-    own = _trained().groupby(["set", "algorithm"], as_index=False)["p10"].mean()
-    found = known.merge(own, on=["set", "algorithm"], how="left")
-    return found.assign(difference=found["p10"] - found["published_p10"])
+    trained = _trained().groupby(["set", "algorithm"], as_index=False)["p10"].mean()
+    beside = known.merge(trained, on=["set", "algorithm"], how="left")
+    return beside.assign(difference=beside["p10"] - beside["published_p10"])

@@ -136,8 +136,8 @@ def importance(
         DatasetError: a file is missing or damaged.
     """
     discount = checked_discount(discount)
-    wanted = policy_of(target, history, allow_code)
-    refuse_unused(history, [wanted])
+    evaluated = policy_of(target, history, allow_code)
+    refuse_unused(history, [evaluated])
     ds = opened(ds)
     source = Source(ds, consented_spec(ds, ds.manifest_model, allow_code))
     episodes = np.flatnonzero(ds.selected(split, setpoint, policy))
@@ -147,16 +147,16 @@ def importance(
     parts = list(parts_of(source, episodes, steps))
     behaviours = {id(part.behaviour): part.behaviour for part in parts}.values()
     ratios, rewards = Ratios(*np.empty((2, len(episodes), steps))), np.empty((len(episodes), steps))
-    with loaded([wanted, *behaviours]):
+    with loaded([evaluated, *behaviours]):
         customs = [custom for behaviour in behaviours for custom in customs_in(behaviour)]
         refuse_changed(ds.manifest_model.code, customs, ds.place)
-        if any(wanted.form() != behaviour.form() for behaviour in behaviours):
-            refuse_remembered_draws(wanted)
-        for experiment, numbers, own in parts:
-            recorded, rewards[own], log_prob = recorded_in(source, episodes[own], steps)
-            found = log_ratios(experiment, numbers, recorded, log_prob, wanted, len(episodes) * steps)
-            ratios.recorded[own], ratios.drawn[own] = found
-    return of_ratios(wanted.label, ratios, rewards, discount)
+        if any(evaluated.form() != behaviour.form() for behaviour in behaviours):
+            refuse_remembered_draws(evaluated)
+        for experiment, numbers, places in parts:
+            recorded, rewards[places], log_prob = recorded_in(source, episodes[places], steps)
+            part = log_ratios(experiment, numbers, recorded, log_prob, evaluated, len(episodes) * steps)
+            ratios.recorded[places], ratios.drawn[places] = part
+    return of_ratios(evaluated.label, ratios, rewards, discount)
 
 
 def _horizon(steps: int | None, lengths: Ints) -> int:

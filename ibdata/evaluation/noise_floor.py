@@ -98,14 +98,14 @@ def noise_floor(
     moments = []
     for batch in opened(ds).iter_batches(names, split, BATCH_ROWS, setpoint=setpoint, policy=policy):
         episodes, steps, p = (batch[x].to_numpy() for x in ("episode", "step", "next_obs_setpoint"))
-        actions, found = stacked_columns(batch, ACTIONS), np.empty((len(p), 3, 2))
+        actions, laws = stacked_columns(batch, ACTIONS), np.empty((len(p), 3, 2))
         states = source.visited(episodes, steps, Constant()).state  # any policy that sees nothing
-        for experiment, own, _ in source.by_experiment(episodes):
-            state = states.take(own)
+        for experiment, places, _ in source.by_experiment(episodes):
+            state = states.take(places)
             if experiment.drifting:
-                state = state.replace(setpoint=p[own], drift_left=np.full(len(own), NO_DRIFT))
-            found[own] = _law(state, actions[own], experiment.variant)
-        moments.append(found)
+                state = state.replace(setpoint=p[places], drift_left=np.full(len(places), NO_DRIFT))
+            laws[places] = _law(state, actions[places], experiment.variant)
+        moments.append(laws)
     if not moments:
         raise UsageError("split, setpoint, policy: found no row that meets all, expected at least one")
     mean, deviation, absolute = np.moveaxis(np.concatenate(moments), 1, 0)
@@ -130,13 +130,18 @@ def _law(state: State, actions: npt.NDArray[Any], variant: Variant) -> Floats:
     out[:, :, 1] = np.column_stack([after.expected_consumption, spread, FOLDED * spread])
     x, weights = quadrature()
     for first in range(0, n, PART):
-        own = slice(first, first + PART)
+        part = slice(first, first + PART)
         cdf = amplification_cdf(
-            x, state.mu_v[own], state.mu_g[own], after.effective_velocity[own], after.effective_gain[own], k
+            x,
+            state.mu_v[part],
+            state.mu_g[part],
+            after.effective_velocity[part],
+            after.effective_gain[part],
+            k,
         )
         mean = 1.0 - cdf @ weights
         variance = 1.0 - 2.0 * (cdf @ (weights * x)) - mean**2
         absolute = np.minimum(cdf, 1.0 - cdf) @ weights
         moments = np.column_stack([1.0 + 2.0 * mean, 2.0 * np.sqrt(variance), 2.0 * absolute])
-        out[own, :, 0] = after.basic_fatigue[own, None] / 3.0 * moments
+        out[part, :, 0] = after.basic_fatigue[part, None] / 3.0 * moments
     return out

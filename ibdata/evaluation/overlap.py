@@ -37,7 +37,7 @@ class Part(NamedTuple):
 
     experiment: Experiment
     numbers: Ints  # of the episodes in the experiment
-    own: Ints  # their places among all
+    places: Ints  # of the episodes among all
 
     @property
     def behaviour(self) -> Policy:
@@ -49,12 +49,12 @@ class Part(NamedTuple):
 def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
     """Divide episodes (n,) into parts of bounded memory, those of a policy alike in size."""
     most = max(1, PART_ROWS // steps)
-    for experiment, own, numbers in source.by_experiment(episodes):
+    for experiment, places, numbers in source.by_experiment(episodes):
         per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
         for policy in np.unique(numbers // per_policy):
             same = np.flatnonzero(numbers // per_policy == policy)
             for some in np.array_split(same, -(-len(same) // most)):
-                yield Part(experiment, numbers[some], own[some])
+                yield Part(experiment, numbers[some], places[some])
 
 
 def recorded_in(source: Source, episodes: Ints, steps: int) -> tuple[Recorded, Floats, Floats]:
@@ -110,17 +110,17 @@ def log_ratios(
     """
     behaviour = experiment.cells[numbers[0] // experiment.episodes]
     _refuse_unknown(behaviour.label, log_prob)
-    wanted, actions = _of_target(experiment, numbers, recorded, target)
-    _refuse_unknown(target.label, wanted.recorded)
-    ratio = wanted.recorded - log_prob
+    of_target, actions = _of_target(experiment, numbers, recorded, target)
+    _refuse_unknown(target.label, of_target.recorded)
+    ratio = of_target.recorded - log_prob
     if target.form() == behaviour.policy.form():
         return Ratios(ratio, np.zeros_like(ratio))
-    had = _of_behaviour(experiment, numbers, recorded, actions)
-    never = (wanted.drawn_atoms & ~had.drawn_atoms).any(axis=2) | (had.drawn == -np.inf)
-    drawn = wanted.drawn - np.where(never, LOG_NEVER, had.drawn)
-    rare = wanted.drawn_atoms.any(axis=2) & (drawn > np.log(rows))
+    of_behaviour = _of_behaviour(experiment, numbers, recorded, actions)
+    never = (of_target.drawn_atoms & ~of_behaviour.drawn_atoms).any(axis=2) | (of_behaviour.drawn == -np.inf)
+    drawn = of_target.drawn - np.where(never, LOG_NEVER, of_behaviour.drawn)
+    rare = of_target.drawn_atoms.any(axis=2) & (drawn > np.log(rows))
     _refuse_lack(target.label, behaviour.label, actions, never, rare, rows)
-    return Ratios(np.where((wanted.atoms == had.atoms).all(axis=2), ratio, -np.inf), drawn)
+    return Ratios(np.where((of_target.atoms == of_behaviour.atoms).all(axis=2), ratio, -np.inf), drawn)
 
 
 def _refuse_lack(
@@ -164,8 +164,8 @@ def _of_target(
         drawn = applied(distribution.sample(rows(uniforms)))
         return np.column_stack([_asked(distribution, rows(recorded.actions), drawn), drawn])
 
-    found = replay(episodes, *recorded, question)
-    return _densities(found), found[..., 8:].astype(np.float32)
+    answers = replay(episodes, *recorded, question)
+    return _densities(answers), answers[..., 8:].astype(np.float32)
 
 
 def _of_behaviour(experiment: Experiment, numbers: Ints, recorded: Recorded, drawn: Float32s) -> _Densities:
@@ -183,9 +183,9 @@ def _asked(distribution: Distribution, recorded: Float32s, drawn: Float32s) -> F
     return np.column_stack([part for answer in answers for part in answer])
 
 
-def _densities(found: Floats) -> _Densities:
-    atoms, drawn_atoms = found[..., 1:4] > 0.0, found[..., 5:8] > 0.0
-    return _Densities(found[..., 0], atoms, found[..., 4], drawn_atoms)
+def _densities(answers: Floats) -> _Densities:
+    atoms, drawn_atoms = answers[..., 1:4] > 0.0, answers[..., 5:8] > 0.0
+    return _Densities(answers[..., 0], atoms, answers[..., 4], drawn_atoms)
 
 
 def _refuse_unknown(label: str, log_density: Floats) -> None:

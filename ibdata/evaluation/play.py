@@ -146,10 +146,10 @@ def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[O
     window = Window(view, drifting, len(episodes), history)
     window.begin(episodes.lanes, values_of(carry.state, rows), episodes.index)
 
-    def observe(given: Observed) -> Observed:
-        if given.step.any():
-            window.push(episodes.lanes, values_of(carry.state, rows), given.actions[:, 0])
-        return given._replace(observations=read_only(window.frames))
+    def observe(observed: Observed) -> Observed:
+        if observed.step.any():
+            window.push(episodes.lanes, values_of(carry.state, rows), observed.actions[:, 0])
+        return observed._replace(observations=read_only(window.frames))
 
     return observe
 

@@ -148,9 +148,9 @@ def _example(text: str) -> str:
 
 def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
     """What may be wrong with the objects of users that a policy is made of, and that have acted."""
-    for each in policy.everywhere():
-        if isinstance(each, UserObject):
-            yield from each.notes(view if is_live(each) else PLAIN)
+    for part in policy.everywhere():
+        if isinstance(part, UserObject):
+            yield from part.notes(view if is_live(part) else PLAIN)
 
 
 @contextmanager
@@ -164,16 +164,16 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
     for policy in policies:
         if type(policy) not in POLICIES.values():  # a class of a user
             refuse_impure(policy, exact=False)
-    own = [custom for policy in policies for custom in customs_in(policy)]
+    customs = [custom for policy in policies for custom in customs_in(policy)]
     try:
-        for custom in own:
+        for custom in customs:
             custom.load(columns if custom.is_live and custom in policies else len(OBSERVATION))
         yield
         for policy in policies if says else ():
             for note in notes_on(policy):
                 say(f"{policy.label}: {note}")
     finally:
-        for custom in own:
+        for custom in customs:
             custom.forget()
 
 

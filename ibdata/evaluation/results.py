@@ -127,7 +127,7 @@ def results_of(
     steps: int,
 ) -> list[Result]:
     """The result of each policy at each setpoint and, if there are several, over all."""
-    found = []
+    results = []
     for i, label in enumerate(labels):
         returns, rewards, clipped = played.discounted[i], played.undiscounted[i], played.clipped[i]
         parts: list[tuple[float | None, list[int], Scores]] = [
@@ -135,12 +135,12 @@ def results_of(
         ]
         if len(setpoints) > 1:
             parts.append((None, list(range(len(setpoints))), overall(scored[i])))
-        for p, own, score in parts:
-            values = list(returns[own])
-            p10, reward = float(np.quantile(values, 0.1)), estimate(list(rewards[own] / steps)).mean
-            size, share = returns[own].size, float(clipped[own].mean())
-            found.append(Result(label, p, size, *estimate(values), p10, reward, *score, share))
-    return found
+        for p, columns, score in parts:
+            values = list(returns[columns])
+            p10, reward = float(np.quantile(values, 0.1)), estimate(list(rewards[columns] / steps)).mean
+            size, share = returns[columns].size, float(clipped[columns].mean())
+            results.append(Result(label, p, size, *estimate(values), p10, reward, *score, share))
+    return results
 
 
 def differences_of(labels: Sequence[str], setpoints: Sequence[float], returns: Floats) -> list[Difference]:
@@ -149,7 +149,7 @@ def differences_of(labels: Sequence[str], setpoints: Sequence[float], returns: F
     if len(setpoints) > 1:
         parts.append((None, list(range(len(setpoints)))))
     return [
-        Difference(labels[b], labels[a], p, *estimate(list(returns[b, own] - returns[a, own])))
+        Difference(labels[b], labels[a], p, *estimate(list(returns[b, columns] - returns[a, columns])))
         for a, b in combinations(range(len(labels)), 2)
-        for p, own in parts
+        for p, columns in parts
     ]

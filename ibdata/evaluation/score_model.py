@@ -132,22 +132,22 @@ def _predicted(
     return mean, deviation if horizon == 1 else None
 
 
-def _answer(given: Any, n: int) -> tuple[Floats, Floats | None]:
+def _answer(answer: Any, n: int) -> tuple[Floats, Floats | None]:
     """The predictions (n, 2) of a model, and their standard deviations (n, 2) if it gives them."""
-    parts = given if isinstance(given, tuple) else (given,)
+    parts = answer if isinstance(answer, tuple) else (answer,)
     if not 1 <= len(parts) <= 2:
         raise AnswerError(f"found {len(parts)} arrays, expected predictions, or these and their deviations")
-    found = [numbers(part, (n, 2), what) for part, what in zip(parts, ANSWERS, strict=False)]
-    for values, what in zip(found, ANSWERS, strict=False):
+    arrays = [numbers(part, (n, 2), what) for part, what in zip(parts, ANSWERS, strict=False)]
+    for values, what in zip(arrays, ANSWERS, strict=False):
         broken = ~np.isfinite(values).all(axis=1)
         if broken.any():
             raise AnswerError(
                 f"found NaN or infinity in {broken.sum()} of {n} {what}, such as {values[broken][0]}, "
                 "expected finite fatigue and consumption"
             )
-    if len(found) == 2 and (found[1] <= 0.0).any():
+    if len(arrays) == 2 and (arrays[1] <= 0.0).any():
         raise AnswerError("found a standard deviation of 0 or less, expected positive ones")
-    return found[0], found[1] if len(found) == 2 else None
+    return arrays[0], arrays[1] if len(arrays) == 2 else None
 
 
 def _scores(
@@ -175,5 +175,5 @@ def _scores(
 def _log_density(squares: Floats | float, deviation: Floats) -> Floats:
     """The mean log density (2,) of normal predictions, from squared errors in units of their deviations."""
     with np.errstate(divide="ignore"):  # infinite where nothing is random
-        found: Floats = (-0.5 * squares - np.log(deviation) - 0.5 * np.log(2.0 * np.pi)).mean(axis=0)
-    return found
+        logs: Floats = (-0.5 * squares - np.log(deviation) - 0.5 * np.log(2.0 * np.pi)).mean(axis=0)
+    return logs

@@ -54,17 +54,19 @@ def scores(returns: Floats, references: Floats) -> list[list[Scores]]:
     zero, hundred, expert = references
     return [
         [
-            Scores(*_between(own, zero[j], hundred[j]), _between(own, zero[j], expert[j])[0])
-            for j, own in enumerate(of_policy)
+            Scores(*_between(at_setpoint, zero[j], hundred[j]), _between(at_setpoint, zero[j], expert[j])[0])
+            for j, at_setpoint in enumerate(of_policy)
         ]
         for of_policy in returns
     ]
 
 
-def overall(each: Sequence[Scores]) -> Scores:
+def overall(at_setpoints: Sequence[Scores]) -> Scores:
     """The mean scores over setpoints; None where one is missing."""
-    values, errors, experts = ([x for x in column if x is not None] for column in zip(*each, strict=True))
-    n = len(each)
+    values, errors, experts = (
+        [x for x in column if x is not None] for column in zip(*at_setpoints, strict=True)
+    )
+    n = len(at_setpoints)
     return Scores(
         sum(values) / n if len(values) == n else None,
         float(np.sqrt(np.square(errors).sum())) / n if len(errors) == n else None,
@@ -92,7 +94,7 @@ def notes(
     if not classic:
         yield f"no score: {HUNDRED} is made for the classic reward"
         return
-    missing = [p for p, own in zip(setpoints, scored, strict=True) if own.score is None]
+    missing = [p for p, score in zip(setpoints, scored, strict=True) if score.score is None]
     if missing:
         everywhere = "" if len(setpoints) == 1 else ", and so none over all setpoints"
         yield (

@@ -72,9 +72,9 @@ class Source(Addresses):
         if np.ndim(rows) == 2 and np.shape(rows)[1] == 2:
             return self._pairs(*np.asarray(rows).T)
         ends = np.cumsum(self.lengths)
-        found = within("row", rows, int(ends[-1]))
-        episodes = np.searchsorted(ends, found, side="right")
-        return episodes, found - (ends - self.lengths)[episodes]
+        numbers = within("row", rows, int(ends[-1]))
+        episodes = np.searchsorted(ends, numbers, side="right")
+        return episodes, numbers - (ends - self.lengths)[episodes]
 
     def _pairs(self, episode: Any, step: Any) -> tuple[Ints, Ints]:
         """Episodes and steps as arrays (n,)."""
@@ -97,14 +97,14 @@ class Source(Addresses):
         """Simulate rows (n,) again, which a policy watches; DatasetError if they differ from the stored."""
         out = Carry.at(State.zeros(len(episodes)), policy.needs)
         different = np.unique(episodes)
-        for experiment, own, numbers in self.by_experiment(different):
+        for experiment, places, numbers in self.by_experiment(different):
             most = max(1, PART_ROWS // (int(steps.max()) + 1))
-            for i in range(0, len(own), most):
-                some = different[own[i : i + most]]
-                rows = np.flatnonzero(np.isin(episodes, some))
-                lanes = np.searchsorted(some, episodes[rows])
-                own_numbers = numbers[i : i + most]
-                out.put(rows, self._simulated(experiment, own_numbers, policy, some, lanes, steps[rows]))
+            for i in range(0, len(places), most):
+                batch = different[places[i : i + most]]
+                rows = np.flatnonzero(np.isin(episodes, batch))
+                lanes = np.searchsorted(batch, episodes[rows])
+                batch_numbers = numbers[i : i + most]
+                out.put(rows, self._simulated(experiment, batch_numbers, policy, batch, lanes, steps[rows]))
         return out
 
     def _simulated(
@@ -123,16 +123,17 @@ class Source(Addresses):
                 f"{actions[row, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
             )
         actions = np.ascontiguousarray(actions, dtype=np.float32)
-        found, table = revisit(experiment, numbers, policy, episodes, actions, lanes, steps)
-        made = np.delete(table, places.log_prob, axis=0).reshape(stored.shape)
-        differing = (stored != made) & (np.arange(len(actions)) < counts[:, None])
+        carry, table = revisit(experiment, numbers, policy, episodes, actions, lanes, steps)
+        simulated = np.delete(table, places.log_prob, axis=0).reshape(stored.shape)
+        differing = (stored != simulated) & (np.arange(len(actions)) < counts[:, None])
         for lane, row, column in np.argwhere(differing.transpose(1, 2, 0))[:1].tolist():
-            was, expected = (float(x[column, lane, row]) for x in (stored, made))
+            stored_value, expected = (float(x[column, lane, row]) for x in (stored, simulated))
+            address = f"{self.ds.place}: episode {episodes[lane]}: step {row}: {names[column]}"
             raise DatasetError(
-                f"{self.ds.place}: episode {episodes[lane]}: step {row}: {names[column]}: found {was!r}, "
+                f"{address}: found {stored_value!r}, "
                 f"expected {expected!r}, which the simulation gives; see ibdata validate"
             )
-        return found
+        return carry
 
     def stored(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> Table:
         """The first rows of episodes, as many as `counts` says, (columns, episodes, rows); the rest is 0."""
@@ -182,9 +183,9 @@ def revisit(
     rows, places = len(actions), layout(experiment)
     table = np.empty((len(places.names), len(episodes) * rows), dtype=experiment.output.dtype)
     carry = begin(episodes)
-    wanted = carry.take(lanes)  # of the right shape; those at later steps follow
+    before_rows = carry.take(lanes)  # of the right shape; those at later steps follow
     for block in unroll(episodes, carry, places.rows, rows, recorded=actions, stops=steps.tolist()):
         write_columns(block, places, table, 0, rows)
         here = np.flatnonzero(steps == block.stop)
-        wanted.put(here, carry.take(lanes[here]))
-    return wanted, table
+        before_rows.put(here, carry.take(lanes[here]))
+    return before_rows, table

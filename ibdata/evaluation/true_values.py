@@ -121,25 +121,25 @@ def true_values(
     first = None if actions is None else _applied(actions, len(numbers))
     refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
     settings = scenario_of(steps=steps, episodes=episodes, seed=seed)
-    found = np.empty((len(numbers), settings.episodes))
+    returns = np.empty((len(numbers), settings.episodes))
     with loaded([acting]):
         begun = source.visited(numbers, times, acting)
-        for experiment, own, inner in source.by_experiment(numbers):
-            carry, step = begun.take(own), times[own]
-            found[own] = branch_returns(
-                branches_at(settings.seed, experiment, acting, inner, step, numbers[own], carry),
+        for experiment, places, inner in source.by_experiment(numbers):
+            carry, step = begun.take(places), times[places]
+            returns[places] = branch_returns(
+                branches_at(settings.seed, experiment, acting, inner, step, numbers[places], carry),
                 carry,
                 step,
-                None if first is None else first[own],
+                None if first is None else first[places],
                 steps=settings.steps,
                 branches=settings.episodes,
                 discount=discount,
             )
     results = [
-        Value(number, time, None if first is None else first[i].tolist(), *estimate([found[i]]))
+        Value(number, time, None if first is None else first[i].tolist(), *estimate([returns[i]]))
         for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))
     ]
-    return TrueValues(results, found)
+    return TrueValues(results, returns)
 
 
 def _applied(given: npt.ArrayLike, n: int) -> Float32s:

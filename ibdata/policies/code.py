@@ -163,9 +163,7 @@ def _place(error: BaseException) -> str:
     lines = [at for at in lines if not at[0].is_relative_to(PACKAGE)]
     in_packages = [at for at in lines if _is_in_package(at[0])]
     outside_packages = [at for at in lines if not (is_installed(at[0]) or str(at[0]).startswith("<frozen"))]
-    on_disk = [
-        at for at in outside_packages if at[0].is_file()
-    ]  # the others are cells and texts
+    on_disk = [at for at in outside_packages if at[0].is_file()]  # the others are cells and texts
     candidates = on_disk or outside_packages or in_packages
     if not candidates:
         return ""
