@@ -14,52 +14,52 @@ from ibdata.policies.actions import DISCRETE, WHOLE, Action, applied, is_discret
 NUMBERS = "finite numbers: changes of velocity, gain and shift in [-1, 1]"
 
 
-def continuous_action(given: Any) -> Action:
+def continuous_action(action: Any) -> Action:
     """The three numbers of an action. Raises UsageError if it is none."""
     try:
-        dv, dg, dh = map(float, given.tolist() if isinstance(given, np.ndarray) else given)
+        dv, dg, dh = map(float, action.tolist() if isinstance(action, np.ndarray) else action)
         finite = math.isfinite(dv + dg + dh)
     except (TypeError, ValueError):
         finite = False
     if not finite:
-        raise _refusal(given, f"three {NUMBERS}")
+        raise _refusal(action, f"three {NUMBERS}")
     return dv, dg, dh
 
 
-def continuous_actions(given: Any, n: int) -> npt.NDArray[np.float32]:
+def continuous_actions(actions: Any, n: int) -> npt.NDArray[np.float32]:
     """Actions (n, 3), clipped to [-1, 1] and rounded. Raises UsageError if they are none."""
     try:
-        proposed = np.asarray(given, dtype=np.float64)
+        proposed = np.asarray(actions, dtype=np.float64)
     except (TypeError, ValueError):  # rows of different lengths, or no numbers
         proposed = np.empty(0)
     if proposed.shape != (n, 3) or not np.isfinite(proposed).all():
-        raise _refusal(given, f"({n}, 3) {NUMBERS}")
+        raise _refusal(actions, f"({n}, 3) {NUMBERS}")
     return applied(proposed)
 
 
-def discrete_action(given: Any) -> Action:
+def discrete_action(action: Any) -> Action:
     """The three numbers of a discrete action. Raises UsageError if it is none.
 
     >>> discrete_action(0), discrete_action(14)
     ((-1.0, -1.0, -1.0), (0.0, 0.0, 1.0))
     """
-    number = given.item() if getattr(given, "shape", None) == () else given  # an integer of NumPy
+    number = action.item() if getattr(action, "shape", None) == () else action  # an integer of NumPy
     if type(number) is not int or not 0 <= number < len(DISCRETE):
-        raise _refusal(given, f"a whole number {WHOLE}")
+        raise _refusal(action, f"a whole number {WHOLE}")
     return DISCRETE[number]
 
 
-def discrete_actions(given: Any, n: int) -> npt.NDArray[np.float32]:
+def discrete_actions(actions: Any, n: int) -> npt.NDArray[np.float32]:
     """The actions (n, 3) of n discrete ones. Raises UsageError if they are none."""
     try:
-        numbers = np.asarray(given)
+        numbers = np.asarray(actions)
     except ValueError:  # rows of different lengths
         numbers = np.empty(0)
-    actions = of_discrete(numbers) if is_discrete(numbers) and len(numbers) == n else None
-    if actions is None:
-        raise _refusal(given, f"{n} whole numbers {WHOLE}")
-    return actions
+    converted = of_discrete(numbers) if is_discrete(numbers) and len(numbers) == n else None
+    if converted is None:
+        raise _refusal(actions, f"{n} whole numbers {WHOLE}")
+    return converted
 
 
-def _refusal(given: Any, expected: str) -> UsageError:
-    return UsageError(f"action: found {excerpt(given, 80)}, expected {expected}")
+def _refusal(action: Any, expected: str) -> UsageError:
+    return UsageError(f"action: found {excerpt(action, 80)}, expected {expected}")

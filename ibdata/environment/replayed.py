@@ -93,14 +93,14 @@ class Replay(NamedTuple):
         return [out[lane] for lane in range(len(which))]
 
 
-def _addresses(place: Any) -> Addresses:
+def _addresses(dataset: Any) -> Addresses:
     """The addresses of a dataset, which are kept as long as an opened one is."""
     from ibdata.dataset.reader import Dataset, opened
     from ibdata.evaluation.addresses import Addresses
 
-    if not isinstance(place, Dataset | str | os.PathLike):
-        raise UsageError(f"dataset: found {excerpt(place)}, expected a Dataset, or its folder or URL")
-    ds = opened(place)
+    if not isinstance(dataset, Dataset | str | os.PathLike):
+        raise UsageError(f"dataset: found {excerpt(dataset)}, expected a Dataset, or its folder or URL")
+    ds = opened(dataset)
     if ds not in _KNOWN:
         _KNOWN[ds] = Addresses(ds)
     return _KNOWN[ds]
@@ -109,10 +109,12 @@ def _addresses(place: Any) -> Addresses:
 def _refuse_other_settings(experiment: Experiment, settings: Settings) -> None:
     """Raise UsageError if steps of the episodes would be others than those of the environment."""
     if experiment.variant != settings.world.variant:
-        found = experiment.plain()["dynamics"]
+        of_dataset = experiment.plain()["dynamics"]
         raise UsageError(
-            f"dataset: found the dynamics {found!r}; make the environment with dynamics={found!r}"
+            f"dataset: found the dynamics {of_dataset!r}; make the environment with dynamics={of_dataset!r}"
         )
     if experiment.drifting != settings.world.drifting:
-        found, option = ("moving", '"drifting"') if experiment.drifting else ("constant", "a number")
-        raise UsageError(f"dataset: found {found} setpoints; make the environment with setpoint={option}")
+        of_dataset, option = ("moving", '"drifting"') if experiment.drifting else ("constant", "a number")
+        raise UsageError(
+            f"dataset: found {of_dataset} setpoints; make the environment with setpoint={option}"
+        )

@@ -84,8 +84,8 @@ class IndustrialBenchmarkVecEnv(VecEnv):
             last = _each(info["final_info"])
             for lane in np.flatnonzero(ended).tolist():
                 infos[lane] = {**last[lane], "terminal_observation": info["final_obs"][lane]}
-        for own, end in zip(infos, ended.tolist(), strict=True):
-            own["TimeLimit.truncated"] = end
+        for lane_info, end in zip(infos, ended.tolist(), strict=True):
+            lane_info["TimeLimit.truncated"] = end
         return seen, rewards.astype(np.float32), ended, infos
 
     def _keep(self, begun: Flags, infos: Infos) -> None:

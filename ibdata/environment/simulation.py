@@ -57,9 +57,9 @@ class Simulation:
         carry = begin_lanes(self.settings.world, draw, which, setpoints, self.needs)
         self.place(which, carry, self._numbers(which, draw))
 
-    def set_state(self, given: State, which: Indices, draw: Draw) -> None:
+    def set_state(self, proposed: State, which: Indices, draw: Draw) -> None:
         """Go on from a state of k lanes in these lanes (k,). Raises UsageError if it is no such state."""
-        state = _fitting(given, len(which), self.settings.world.drifting)
+        state = _fitting(proposed, len(which), self.settings.world.drifting)
         self.place(which, Carry.at(state, self.needs), self._numbers(which, draw))
 
     def place(self, which: Indices, carry: Carry, numbers: Indices) -> None:
@@ -125,22 +125,24 @@ def _without_actions(carry: Carry) -> Carry:
     return dataclasses.replace(carry, actions=carry.actions[:, :0])
 
 
-def _fitting(given: Any, lanes: int, drifting: bool) -> State:
+def _fitting(proposed: Any, lanes: int, drifting: bool) -> State:
     """A copy of a state of so many lanes, whose setpoints move or do not."""
-    if not isinstance(given, State):
-        raise UsageError(f"set_state: found {type(given).__name__}, expected a State as of ibdata.state_at")
+    if not isinstance(proposed, State):
+        raise UsageError(
+            f"set_state: found {type(proposed).__name__}, expected a State as of ibdata.state_at"
+        )
     try:
-        state = checked_state(given)
+        state = checked_state(proposed)
     except ValueError as error:
         raise UsageError(f"set_state: {str(error).removeprefix('step: ')}") from None
     moves = state.drift_left >= 0
     if len(moves) != lanes:
-        found, expected = counted(len(moves), "lane"), counted(lanes, "lane")
-        raise UsageError(f"set_state: found a state of {found}, expected a state of {expected}")
+        kind, expected = counted(len(moves), "lane"), counted(lanes, "lane")
+        raise UsageError(f"set_state: found a state of {kind}, expected a state of {expected}")
     if (moves != drifting).any():
-        found, option = ("a constant", "a number") if drifting else ("a moving", '"drifting"')
+        kind, option = ("a constant", "a number") if drifting else ("a moving", '"drifting"')
         raise UsageError(
-            f"set_state: found a state of {found} setpoint; make the environment with setpoint={option}"
+            f"set_state: found a state of {kind} setpoint; make the environment with setpoint={option}"
         )
     return state
 
@@ -157,8 +159,8 @@ class Lane(Simulation):
         self.draws = DYNAMICS_SLOTS + DRIFT_SLOTS * drifting  # random integers of a step
         self._parameters = settings.world.parameters
         self._plain = view.is_classic and view.reward.kind == "classic" and view.reward_scale == 1
-        wanted = (*hidden(drifting), "reward")
-        self._rows, self._out = record_rows(wanted), np.zeros(len(wanted))
+        names = (*hidden(drifting), "reward")
+        self._rows, self._out = record_rows(names), np.zeros(len(names))
         self._whole = [column for column, name in self._latent.items() if VARIABLES[name].whole]
 
     def move(self, action: Action, raw: Raw) -> tuple[Float32s, float, dict[str, float]]:

@@ -55,11 +55,11 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     def __init__(self, render_mode: str | None = None, **options: Any) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
-        given = settings(**options)
-        self.render_mode, self.view = render_mode, given.view
-        self.observation_space, self.action_space = spaces(given)
-        self._checked = discrete_action if given.discrete_actions else continuous_action
-        self._lane = Lane(given)
+        chosen = settings(**options)
+        self.render_mode, self.view = render_mode, chosen.view
+        self.observation_space, self.action_space = spaces(chosen)
+        self._checked = discrete_action if chosen.discrete_actions else continuous_action
+        self._lane = Lane(chosen)
         self._replayed: Noise | None = None  # in place of np_random
         self._began = False
         self._seen: list[dict[str, float]] = []  # of the episode, for the picture

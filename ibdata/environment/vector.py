@@ -71,15 +71,15 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         self._limit = math.inf
         if max_episode_steps is not None:
             self._limit = checked_length(max_episode_steps, "max_episode_steps")
-        given = settings(**options)
+        chosen = settings(**options)
         self.metadata = {"render_modes": [], "autoreset_mode": _mode_of_gymnasium(mode)}
-        self.num_envs, self.view = num_envs, given.view
-        self.single_observation_space, self.single_action_space = spaces(given)
+        self.num_envs, self.view = num_envs, chosen.view
+        self.single_observation_space, self.single_action_space = spaces(chosen)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._mode = mode
-        self._checked = discrete_actions if given.discrete_actions else continuous_actions
-        self._simulation = Simulation(given, num_envs)
+        self._checked = discrete_actions if chosen.discrete_actions else continuous_actions
+        self._simulation = Simulation(chosen, num_envs)
         self._streams = Streams(num_envs)
         self._elapsed = np.full(num_envs, -1)  # steps of the episode; -1: it has not begun
         self._done = np.zeros(num_envs, dtype=bool)
@@ -166,8 +166,8 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         if not fits or not mask.any():
             expected = f"a boolean array of shape ({self.num_envs},) that is true for some lane"
             raise UsageError(f"reset_mask: found {excerpt(mask)}, expected {expected}")
-        found: Flags = mask
-        return found
+        lanes: Flags = mask
+        return lanes
 
     def _begin(self, which: Indices) -> None:
         self._streams.resume(which)

@@ -23,12 +23,15 @@ class Listed(NamedTuple):
 def catalogue() -> list[Listed]:
     """The shipped experiments in order; each folder stands before those in it."""
     single = [Listed(name, load(path).rows, description(path)) for name, path in shipped().items()]
-    found = [each for each in single if "/" not in each.name]
+    listed = [experiment for experiment in single if "/" not in experiment.name]
     for suite in suites():
-        own = [each for each in single if each.name.startswith(f"{suite}/")]
-        rows = sum(each.rows for each in own)
-        found += [Listed(f"{suite}/", rows, f"A folder of {counted(len(own), 'experiment')}."), *own]
-    return found
+        in_suite = [experiment for experiment in single if experiment.name.startswith(f"{suite}/")]
+        rows = sum(experiment.rows for experiment in in_suite)
+        listed += [
+            Listed(f"{suite}/", rows, f"A folder of {counted(len(in_suite), 'experiment')}."),
+            *in_suite,
+        ]
+    return listed
 
 
 def description(path: Path) -> str:

@@ -36,12 +36,12 @@ OTHERS = ("ibdata", "__main__", "__mp_main__")  # packages whose modules are no 
 
 def customs(spec: DatasetSpec) -> list[Custom]:
     """Return every custom policy, including those of which another policy is made."""
-    return [found for e in spec.experiments for policy in e.policies for found in customs_in(policy)]
+    return [custom for e in spec.experiments for policy in e.policies for custom in customs_in(policy)]
 
 
 def customs_in(policy: Policy) -> Iterator[Custom]:
     """Yield the policy and all of which it is made, as far as they are custom."""
-    return (each for each in policy.everywhere() if isinstance(each, Custom))
+    return (part for part in policy.everywhere() if isinstance(part, Custom))
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, again: bool = False) -> None:
@@ -50,15 +50,15 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
     Raises UsageError if the code may not run, or if a policy is a live object that is gone, or that other
     processes may have to ask `again`.
     """
-    own = customs(spec)
-    targets = list(dict.fromkeys(custom.target for custom in own if not custom.is_live))
+    policies = customs(spec)
+    targets = list(dict.fromkeys(custom.target for custom in policies if not custom.is_live))
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
             "--allow-code if you trust it"
         )
     refuse_within_itself(targets)
-    for custom in own:
+    for custom in policies:
         if custom.is_live and (again or not custom.is_held):
             raise UsageError(
                 f"{where}: found {custom.target}, an object that acts in the Python session of its run and "
@@ -85,7 +85,7 @@ def _undeclared(custom: Custom, places: Places) -> list[str]:
     return [
         text
         for text in texts
-        if text not in (custom.files or ()) and any(os.path.isfile(place / text) for place in places)
+        if text not in (custom.files or ()) and any(os.path.isfile(folder / text) for folder in places)
     ]
 
 
@@ -110,7 +110,7 @@ def record(policies: Sequence[Custom]) -> list[Code]:
     Modules and packages are those of the whole process, and are listed with the first policy.
     """
     distinct = {(policy.target, *policy.declared().values()): policy for policy in policies}.values()
-    found = [
+    records = [
         Code(
             target=policy.target,
             version=None if policy.is_live else _version(re.split("[.:]", policy.target)[0]),
@@ -121,8 +121,10 @@ def record(policies: Sequence[Custom]) -> list[Code]:
     ]
     if not all(policy.is_live for policy in policies):
         files, versions = _in_use([_target_file(policy) for policy in policies])
-        found[0] = found[0].model_copy(update={"files": files | found[0].files, "distributions": versions})
-    return found
+        records[0] = records[0].model_copy(
+            update={"files": files | records[0].files, "distributions": versions}
+        )
+    return records
 
 
 def _in_use(targets: Sequence[Path | None]) -> tuple[dict[str, str | None], dict[str, str]]:
@@ -161,12 +163,12 @@ def _version(package: str) -> str | None:
 def changed_here(spec: DatasetSpec, began: Sequence[Code]) -> list[str]:
     """The files of a record that are other ones here, as far as they are found without importing anything."""
     beside = [Path(), *(Path(code.target.partition(":")[0]).parent for code in began)]
-    folders = [*(place / each for place in places_of(spec) for each in beside), *map(Path, sys.path)]
+    folders = [*(root / path for root in places_of(spec) for path in beside), *map(Path, sys.path)]
     names = []
     for name, recorded in _hashes(began).items():
-        paths = (folder / each for folder in folders for each in _files_of(name))
-        found = next(filter(Path.is_file, paths), None)
-        if found is not None and file_sha256(found) != recorded:
+        paths = (folder / path for folder in folders for path in _files_of(name))
+        file = next(filter(Path.is_file, paths), None)
+        if file is not None and file_sha256(file) != recorded:
             names.append(name)
     return names
 
@@ -186,11 +188,11 @@ def changed(was: Iterable[Code], here: Iterable[Code]) -> list[str]:
 
 def _hashes(code: Iterable[Code]) -> dict[str, str]:
     """The hashes and versions in a record, by the names that messages give them."""
-    found: dict[str, str | None] = {}
-    for each in code:
-        found |= {each.target: each.sha256, **each.files}
-        found |= {f"the version of {name}": version for name, version in each.distributions.items()}
-    return {name: value for name, value in found.items() if value is not None}
+    hashes: dict[str, str | None] = {}
+    for record in code:
+        hashes |= {record.target: record.sha256, **record.files}
+        hashes |= {f"the version of {name}": version for name, version in record.distributions.items()}
+    return {name: value for name, value in hashes.items() if value is not None}
 
 
 def refuse_changed(began: Iterable[Code], policies: Sequence[Custom], where: str | Path) -> None:

@@ -122,25 +122,25 @@ class DatasetSpec:
 
     def later_runs(self) -> dict[str, list[Run]]:
         """The episodes of each later split."""
-        found: dict[str, list[Run]] = {name: [] for name in self.later}
+        runs_of: dict[str, list[Run]] = {name: [] for name in self.later}
         offset = 0
         for experiment in self.experiments:
             for first, stop, names in segments(experiment, self.later):
                 for name in names:
-                    runs = found[name]
+                    runs = runs_of[name]
                     run = Run(offset + first, offset + stop, experiment.steps)
                     if runs and (runs[-1].stop, runs[-1].steps) == (run.first, run.steps):
                         run = Run(runs.pop().first, run.stop, run.steps)
                     runs.append(run)
             offset += len(experiment.cells) * experiment.episodes
-        return found
+        return runs_of
 
     def all_declared(self) -> DatasetSpec:
         """A copy in which the later splits are declared, so that their episodes get files of their own."""
         experiments = []
         for experiment in self.experiments:
-            own = {name: fitting(split, experiment) for name, split in self.later.items()}
-            later = {name: split for name, split in own.items() if split is not None}
+            fitted = {name: fitting(split, experiment) for name, split in self.later.items()}
+            later = {name: split for name, split in fitted.items() if split is not None}
             experiments.append(experiment.model_copy(update={"splits": {**experiment.splits, **later}}))
         return DatasetSpec(self.name, tuple(experiments))
 

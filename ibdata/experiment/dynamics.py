@@ -19,8 +19,10 @@ class ReplacedFields(FrozenModel):
 
     def variant(self) -> Variant:
         """The variant. Raises ValueError if its fields are invalid."""
-        given = {f.name: getattr(self, f.name) for f in dataclasses.fields(Variant)}
-        return dataclasses.replace(VARIANTS[self.base], **{k: v for k, v in given.items() if v is not None})
+        replaced = {f.name: getattr(self, f.name) for f in dataclasses.fields(Variant)}
+        return dataclasses.replace(
+            VARIANTS[self.base], **{k: v for k, v in replaced.items() if v is not None}
+        )
 
 
 def _fitting(name: str) -> AfterValidator:

@@ -73,18 +73,18 @@ def refusals(
 
 def problems(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
     """Return the problems that pydantic found in the data of a model, in the words of a user."""
-    found: list[Problem] = []
-    for each in error.errors():
-        kind, inner = each["type"], each.get("ctx", {}).get("error")
-        loc = _path(each["loc"], data, keep_last=kind in ("extra_forbidden", "missing"))
+    problems_found: list[Problem] = []
+    for detail in error.errors():
+        kind, inner = detail["type"], detail.get("ctx", {}).get("error")
+        loc = _path(detail["loc"], data, keep_last=kind in ("extra_forbidden", "missing"))
         if isinstance(inner, Problems):
-            found += [Problem((*loc, *path), message, at_key=False) for path, message in inner.found]
+            problems_found += [Problem((*loc, *path), message, at_key=False) for path, message in inner.found]
             continue
         if kind == "union_tag_invalid" and isinstance(_at(data, loc), dict):  # not a policy's bare name
             loc = (*loc, "kind")
-        message = _rephrased(each, _options_at(model, data, loc[:-1]))
-        found.append(Problem(loc, message, at_key=kind == "extra_forbidden"))
-    return found
+        message = _rephrased(detail, _options_at(model, data, loc[:-1]))
+        problems_found.append(Problem(loc, message, at_key=kind == "extra_forbidden"))
+    return problems_found
 
 
 def _path(loc: Loc, data: Any, keep_last: bool) -> Loc:

@@ -127,8 +127,8 @@ class Experiment(FrozenModel):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder, and raise ConfigError for an invalid copy."""
-        own = deepcopy(self.options()) if deep else self.options()
-        options = {**own, **plain(update or {})}
+        before = deepcopy(self.options()) if deep else self.options()
+        options = {**before, **plain(update or {})}
         with refusals(options, type(self)):
             return self.model_validate(options, context={"folder": self.folder})
 
@@ -144,8 +144,8 @@ class Experiment(FrozenModel):
     def _check(self, info: ValidationInfo) -> Experiment:
         folder = (info.context or {}).get("folder")
         self._folder = folder and folder.absolute()
-        if found := list(self._contradictions()) or list(self._shared_episodes()):
-            raise Problems(found)
+        if problems := list(self._contradictions()) or list(self._shared_episodes()):
+            raise Problems(problems)
         return self
 
     def _contradictions(self) -> Iterator[tuple[Loc, str]]:

@@ -55,18 +55,18 @@ def _put(data: Any, key: str, value: Any) -> Loc:
     path: Loc = ()
     new: Loc = ()
     for part in above:
-        place = _place(data, part, key)
-        path = (*path, place)
-        below = data.get(place) if isinstance(data, dict) else data[place]
+        step = _place(data, part, key)
+        path = (*path, step)
+        below = data.get(step) if isinstance(data, dict) else data[step]
         if isinstance(below, str) and path[0] == "policies":
-            below = data[place] = {"kind": below}
+            below = data[step] = {"kind": below}
         elif not isinstance(below, dict | list):
-            below = data[place] = {}
+            below = data[step] = {}
             new = new or path
         data = below
-    place = _place(data, last, key)
-    data[place] = value
-    return new or (*path, place)
+    step = _place(data, last, key)
+    data[step] = value
+    return new or (*path, step)
 
 
 def _place(data: Any, part: str, key: str) -> str | int:

@@ -84,9 +84,9 @@ def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int,
 
 def episodes_of(experiment: Experiment, numbers: Ints) -> Episodes:
     """Episodes of these numbers (n,), with the policy of the first of them and at their own addresses."""
-    cells, own, indices = cells_of(experiment, numbers)
-    keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[own]
-    setpoints = np.array([cell.setpoint for cell in cells])[own]
+    cells, cell_of, indices = cells_of(experiment, numbers)
+    keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[cell_of]
+    setpoints = np.array([cell.setpoint for cell in cells])[cell_of]
     policy, label = cells[0].policy, cells[0].label
     return Episodes(experiment.scenario.world, policy, label, keys, keys, indices, setpoints, numbers)
 
@@ -94,8 +94,8 @@ def episodes_of(experiment: Experiment, numbers: Ints) -> Episodes:
 def cells_of(experiment: Experiment, numbers: Ints) -> tuple[list[Cell], Ints, Ints]:
     """The cells of episodes of these numbers (n,), and for each its place among them and its index there."""
     cell_numbers, indices = np.divmod(numbers, experiment.episodes)
-    found, own = np.unique(cell_numbers, return_inverse=True)
-    return [experiment.cells[i] for i in found.tolist()], own, indices
+    distinct, cell_of = np.unique(cell_numbers, return_inverse=True)
+    return [experiment.cells[i] for i in distinct.tolist()], cell_of, indices
 
 
 def write_columns(block: Block, places: Layout, table: Table, row: int, steps: int) -> None:
@@ -113,8 +113,8 @@ def acting_in(experiment: Experiment, numbers: Ints) -> tuple[list[str], Ints]:
     """
     names, policies = list(experiment.labels), numbers // _per_policy(experiment)
     acting = policies.copy()
-    for place, policy in enumerate(experiment.policies):
-        here = np.flatnonzero(policies == place)
+    for number, policy in enumerate(experiment.policies):
+        here = np.flatnonzero(policies == number)
         if isinstance(policy, PolicyMixture) and len(here):
             episodes = episodes_of(experiment, numbers[here])
             [u] = draw_uniforms(episodes.draw, episodes.lanes, Purpose.EPISODE_POLICY, 0, 1, 1)

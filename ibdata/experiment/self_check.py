@@ -45,6 +45,6 @@ def answer() -> str:
     return hashlib.sha256(digest(MOVING) + digest(PRINTED) + bytes([keeps_denormals()])).hexdigest()
 
 
-def is_right(found: str) -> bool:
+def is_right(answer: str) -> bool:
     """Whether this is the `answer` of a machine that computes the same bits as all others."""
-    return found == ANSWER
+    return answer == ANSWER

@@ -68,13 +68,13 @@ def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
     )
     ends, improvements, weights = [], [], []
     for p, steps in np.unique(np.column_stack([setpoints, lengths]), axis=0).tolist():
-        own = returns[(setpoints == p) & (lengths == steps)]
+        at_setpoint = returns[(setpoints == p) & (lengths == steps)]
         scale = None if info.drifting else reference_returns.scale(info.dynamics, info.start, int(steps), 1.0)
         end = scale.ends([p], reference_returns.EXPERT) if scale else None
-        ends.append(None if end is None else (len(own) * end[0], len(own) * end[1]))
-        if info.dynamics is not None and (improvement := return_improvement(own)) is not None:
+        ends.append(None if end is None else (len(at_setpoint) * end[0], len(at_setpoint) * end[1]))
+        if info.dynamics is not None and (improvement := return_improvement(at_setpoint)) is not None:
             improvements.append(improvement)
-            weights.append(len(own))
+            weights.append(len(at_setpoint))
     known = [end for end in ends if end is not None]
     quality = None
     if len(known) == len(ends):

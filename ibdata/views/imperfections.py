@@ -133,10 +133,10 @@ class Measurement:
         return normals_of(table[:, 2 * self._slots]), table[:, 2 * self._slots + 1]
 
 
-def imperfections_of(given: Mapping[str, Any] | None) -> Imperfections:
+def imperfections_of(options: Mapping[str, Any] | None) -> Imperfections:
     """Check imperfections as users give them. Raises UsageError if they are none."""
     try:
-        return NONE if given is None else _checked(**{str(name): value for name, value in given.items()})
+        return NONE if options is None else _checked(**{str(name): value for name, value in options.items()})
     except UsageError as error:
         raise UsageError(f"imperfections: {error}") from None
 

@@ -62,24 +62,24 @@ def scaled(rewards: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:
     return rewards if scale == 1 else rounded(rewards.astype(np.float32), scale)
 
 
-def reward_of(given: Any) -> Reward:
+def reward_of(reward: Any) -> Reward:
     """Check a reward as users give it. Raises UsageError if it is none."""
-    if isinstance(given, str) and given in KINDS:
-        return Reward(given)
-    if isinstance(given, Mapping):
-        return _weights(given)
-    near = suggestion(given, KINDS) if isinstance(given, str) else ""
+    if isinstance(reward, str) and reward in KINDS:
+        return Reward(reward)
+    if isinstance(reward, Mapping):
+        return _weights(reward)
+    near = suggestion(reward, KINDS) if isinstance(reward, str) else ""
     expected = "classic, delta or weights such as {consumption: 1, fatigue: 3}"
-    raise UsageError(f"reward: found {given!r}, expected {expected}{near}")
+    raise UsageError(f"reward: found {reward!r}, expected {expected}{near}")
 
 
-def _weights(given: Mapping[Any, Any]) -> Reward:
-    if not given:
+def _weights(weights: Mapping[Any, Any]) -> Reward:
+    if not weights:
         raise UsageError("reward: found no weight, expected some such as {consumption: 1, fatigue: 3}")
-    for name, weight in given.items():
+    for name, weight in weights.items():
         if name not in COSTS:
             near = suggestion(str(name), COSTS)
             raise UsageError(f"reward: found {name!r}, expected weights of consumption and fatigue{near}")
         if not math.isfinite(weight):
             raise UsageError(f"reward: {name}: found {weight!r}, expected a finite number")
-    return Reward("weights", *(float(given.get(name, 0.0)) for name in COSTS))
+    return Reward("weights", *(float(weights.get(name, 0.0)) for name in COSTS))
