@@ -21,7 +21,7 @@ from ibdata.environment.settings import (
     settings,
 )
 from ibdata.environment.streams import refuse_negative
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, excerpt
 
 WRONG = {
     "setpoint": {
@@ -140,8 +140,7 @@ def test_other_actions_are_refused_in_one_line(convert, expected, wrong):
     for given in wrong:
         with pytest.raises(UsageError) as caught:
             convert(given)
-        assert str(caught.value).startswith("action: found ")
-        assert f", expected {expected}" in str(caught.value)
+        assert str(caught.value).startswith(f"action: found {excerpt(given, 80)}, expected {expected}")
         assert "\n" not in str(caught.value)
 
 
