@@ -25,7 +25,7 @@ except ModuleNotFoundError:
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish; lines also differ in style.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-YELLOW, BLUE, RED, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+BLUE, RED, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 SERIES = (  # colour, marker, line
     (BLUE, "o", "-"),
     (ORANGE, "s", "--"),

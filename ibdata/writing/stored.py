@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from ibdata.dataset import parquet
 from ibdata.errors import DatasetError
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.rollout import Columns, parts
-from ibdata.writing.summary import ShardSummary, describe
 
 BATCH_ROWS = 65_536
 
@@ -67,11 +64,3 @@ def stored_parts(
             others.append(own.drop_columns(list(names)) if whole else own)
             row += own.num_rows
         yield Part(shard._replace(first=first, stop=stop), Columns(names, table, 0), others)
-
-
-def stored_content(spec: DatasetSpec, shard: Shard, folder: Path, path: str) -> ShardSummary:
-    """Summarize the rows of a shard's file. Raises DatasetError if it cannot be read as that shard."""
-    experiment = spec.of_shard(shard)
-    rows = (shard.stop - shard.first) * experiment.steps
-    batches = parquet.batches(folder, path, layout(experiment).names, BATCH_ROWS, rows)
-    return describe(spec, shard, ((part, floats) for part, floats, _ in stored_parts(spec, shard, batches)))

@@ -11,8 +11,9 @@ from helpers.datasets import AS_WRITTEN
 from helpers.forging import seal
 
 import ibdata
-from ibdata.dataset import manifest
+from ibdata.dataset import manifest, parquet
 from ibdata.errors import DatasetError
+from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.maintenance.reproduce import reproduce
 from ibdata.system.files import FileEntry
@@ -20,7 +21,8 @@ from ibdata.validation.validate import validate
 from ibdata.writing.finish import finish
 from ibdata.writing.metadata import as_json
 from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.stored import stored_content
+from ibdata.writing.stored import stored_parts
+from ibdata.writing.summary import describe
 
 
 def edit(path, change):
@@ -28,6 +30,14 @@ def edit(path, change):
     found = json.loads(path.read_bytes())
     change(found)
     path.write_bytes(as_json(found))
+
+
+def summary_of(spec, shard, folder, path):
+    """The summary of the rows of a shard's file."""
+    experiment = spec.of_shard(shard)
+    rows = (shard.stop - shard.first) * experiment.steps
+    batches = parquet.batches(folder, path, layout(experiment).names, 65_536, rows)
+    return describe(spec, shard, ((part, floats) for part, floats, _ in stored_parts(spec, shard, batches)))
 
 
 def column(info, name):
@@ -128,7 +138,7 @@ def forge(folder, change):
         pq.write_table(table, path, **AS_WRITTEN)
         data = path.read_bytes()
         entry = FileEntry(one.path, len(data), hashlib.sha256(data).hexdigest())
-        written.append(WrittenShard(shard, entry, stored_content(spec, shard, folder, entry.path)))
+        written.append(WrittenShard(shard, entry, summary_of(spec, shard, folder, entry.path)))
     finish(spec, written, folder, True, clipped=listed.clipped_actions)
 
 
