@@ -24,6 +24,9 @@ class TwoSides(Distribution):
     def log_density(self, action):
         return np.where(np.isin(action, (0.5, -0.5)).all(axis=1), np.log(0.5), -np.inf)
 
+    def atoms(self, action):
+        return np.abs(action) == 0.5
+
 
 class Coin(Policy):
     """Up or down, one as often as the other."""
@@ -217,5 +220,34 @@ def test_draws_of_a_density_without_atoms_are_counted(factor):
     if factor == 1.0:
         check_policy(Noisy())
     else:
-        with pytest.raises(AssertionError, match="log_density gives the box from"):
+        with pytest.raises(AssertionError, match=r"log_density gives actions in \[\S+ to "):
             check_policy(Noisy())
+
+
+class ForgetsClipping(ClippedNormal):
+    """States the density of a normal distribution at ±1 too."""
+
+    def log_density(self, action):
+        z = (action - self.mean) / self.sd
+        return (-0.5 * z**2 - np.log(self.sd) - 0.5 * np.log(2.0 * np.pi)).sum(axis=1)
+
+
+class ForgetsAtoms(ClippedNormal):
+    def atoms(self, action):
+        return np.zeros(action.shape, dtype=bool)
+
+
+@pytest.mark.parametrize("sd", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize("distribution", [ForgetsClipping, ForgetsAtoms])
+def test_where_some_numbers_are_clipped_they_are_counted_too(distribution, sd):
+    """Few actions are clipped in all three numbers, so those clipped in one or two are counted."""
+
+    class Noisy:
+        needs = Needs(step_draws=3)
+
+        def decide(self, observed):
+            mean = np.clip(observed.observations[:, 0, 1:4] / 50.0 - 1.0, -0.5, 0.5)
+            return Decision(distribution(mean, sd), observed.memory)
+
+    with pytest.raises(AssertionError, match=r"log_density gives|atoms gives"):
+        check_policy(Noisy())

@@ -80,8 +80,9 @@ def refuse_remembered_draws(target: Policy) -> None:
         own = getattr(policy, "own_needs", policy.needs)
         if own.memory and (own.step_draws or policy.needs.episode_draws):
             raise UsageError(
-                f"policy {target.label}: found {policy.kind}, which remembers its random numbers, expected a "
-                "policy whose memory follows from observations, because no data have these numbers"
+                f"policy {target.label}: found {policy.kind}, which has a memory and random numbers, "
+                "expected only one of them: no data have numbers that it may remember; use `history` in "
+                "place of memory"
             )
 
 

@@ -1,4 +1,4 @@
-"""Load experiments from YAML or from Python's data, with all errors at once and the place of each."""
+"""Load experiments from YAML or from Python data. All errors are reported at once, each with its position."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ibdata.experiment.plain import plain
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import Document, StrictYamlError
 
-# What gives an experiment: a path or a shipped name, a mapping, or an Experiment itself.
+# The ways to name an experiment: a path, a shipped name, a mapping, or an Experiment itself.
 Config = Annotated[
     str | os.PathLike[str] | Mapping[str, Any] | Experiment,
     "a file, the name of a shipped experiment, a mapping or an Experiment",
@@ -82,11 +82,11 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
     if not isinstance(document.data, dict):
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
 
-    def place(problem: Problem) -> str:
+    def position(problem: Problem) -> str:
         line, column = document.place(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    return _overridden(document.data, overrides, seed, path.parent.absolute(), place)
+    return _overridden(document.data, overrides, seed, path.parent.absolute(), position)
 
 
 def _overridden(
@@ -94,9 +94,9 @@ def _overridden(
     overrides: Overrides,
     seed: int | None,
     folder: Path | None = None,
-    place: Callable[[Problem], str] = lambda problem: "",
+    position: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
-    """The experiment of data that are changed by overrides; `place` is where a problem of the data is."""
+    """Apply the overrides and check the experiment; `position` begins the line of a problem in the file."""
     changed = override_all(data, overrides)
     if seed is not None:
         data["seed"] = seed
@@ -105,18 +105,21 @@ def _overridden(
         if seed is not None and problem.loc == ("seed",):
             return problem.text
         is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))
-        return f"override {problem.text}" if is_changed else place(problem) + problem.text
+        return f"override {problem.text}" if is_changed else position(problem) + problem.text
 
     with refusals(data, Experiment, line):
         return Experiment.model_validate(data, context={"folder": folder})
 
 
 def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> list[Experiment]:
-    """The experiments of a folder or a shipped suite in the order of their files, or the one of `load`.
+    """Load all experiments of a folder or a shipped suite, in the order of their files.
 
-    Raises the errors of `load`, with the problems of all files at once.
+    Anything else is one experiment, as in `load`. Raises the errors of `load`, for all files at once.
     """
-    if isinstance(config, Mapping | Experiment) or not is_suite(path := find(config)):
+    if isinstance(config, Mapping | Experiment):
+        return [load(config, overrides, seed)]
+    path = find(config)
+    if not is_suite(path):
         return [load(config, overrides, seed)]
     experiments: list[Experiment] = []
     problems: list[str] = []
@@ -126,16 +129,16 @@ def load_all(config: Config, overrides: Overrides = (), seed: int | None = None)
         except UsageError as error:
             problems += str(error).split("\n")
     if problems:
-        raise ConfigError(list(dict.fromkeys(problems)))  # a problem of an override is the same in each
+        raise ConfigError(list(dict.fromkeys(problems)))  # each file reports the same problem of an override
     return experiments
 
 
 def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
-    """The resolved experiment with all defaults, in UTF-8 or in ASCII, as a dataset records it."""
+    """The experiment with all defaults as YAML in UTF-8 or ASCII, as a dataset records it."""
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.allow_unicode = not ascii
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]  # declared as None
-    out = io.BytesIO()
-    yaml.dump(experiment.plain(), out)
-    return out.getvalue()
+    buffer = io.BytesIO()
+    yaml.dump(experiment.plain(), buffer)
+    return buffer.getvalue()

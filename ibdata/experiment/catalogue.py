@@ -21,21 +21,19 @@ class Listed(NamedTuple):
 
 
 def catalogue() -> list[Listed]:
-    """The shipped experiments in order; each folder stands before those in it."""
-    single = [Listed(name, load(path).rows, description(path)) for name, path in shipped().items()]
-    listed = [experiment for experiment in single if "/" not in experiment.name]
+    """The shipped experiments in order. A folder stands before its experiments."""
+    experiments = [Listed(name, load(path).rows, description(path)) for name, path in shipped().items()]
+    entries = [entry for entry in experiments if "/" not in entry.name]
     for suite in suites():
-        in_suite = [experiment for experiment in single if experiment.name.startswith(f"{suite}/")]
-        rows = sum(experiment.rows for experiment in in_suite)
-        listed += [
-            Listed(f"{suite}/", rows, f"A folder of {counted(len(in_suite), 'experiment')}."),
-            *in_suite,
-        ]
-    return listed
+        members = [entry for entry in experiments if entry.name.startswith(f"{suite}/")]
+        rows = sum(member.rows for member in members)
+        summary = f"A folder of {counted(len(members), 'experiment')}."
+        entries += [Listed(f"{suite}/", rows, summary), *members]
+    return entries
 
 
 def description(path: Path) -> str:
-    """The first line of the comment with which the file of an experiment begins."""
+    """The first line of the comment at the top of an experiment file."""
     with path.open(encoding="utf-8") as file:
-        comment = (line for line in file if line.startswith("#") and not line.startswith(MODELINE))
-        return next(comment, "").removeprefix("#").strip()
+        comments = (line for line in file if line.startswith("#") and not line.startswith(MODELINE))
+        return next(comments, "").removeprefix("#").strip()

@@ -1,7 +1,8 @@
 """The custom policies of an experiment: consent to their code, its record, and the comparison of records.
 
-A record holds the SHA-256 of each target, of each declared file, and of each module that is in use after two
-steps and is neither Python's, nor installed, nor ibdata's, and the versions of the packages in use.
+A record holds the SHA-256 of each target and of each declared file. It also holds the SHA-256 of each module
+that is in use after two steps, except for modules of Python, of installed packages and of ibdata. Last, it
+holds the versions of the packages in use.
 """
 
 from __future__ import annotations
@@ -31,24 +32,25 @@ from ibdata.policies.custom import Custom
 from ibdata.system.files import file_sha256
 from ibdata.system.storage import storage
 
-OTHERS = ("ibdata", "__main__", "__mp_main__")  # packages whose modules are no part of a record
+OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
 
 
 def customs(spec: DatasetSpec) -> list[Custom]:
-    """Return every custom policy, including those of which another policy is made."""
-    return [custom for e in spec.experiments for policy in e.policies for custom in customs_in(policy)]
+    """Return every custom policy of a dataset, including the custom parts of other policies."""
+    policies = (policy for experiment in spec.experiments for policy in experiment.policies)
+    return [custom for policy in policies for custom in customs_in(policy)]
 
 
 def customs_in(policy: Policy) -> Iterator[Custom]:
-    """Yield the policy and all of which it is made, as far as they are custom."""
+    """Yield the custom policies among a policy and its parts."""
     return (part for part in policy.everywhere() if isinstance(part, Custom))
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, again: bool = False) -> None:
     """Refuse custom policies without consent. Messages begin with `where`.
 
-    Raises UsageError if the code may not run, or if a policy is a live object that is gone, or that other
-    processes may have to ask `again`.
+    Raises UsageError if the code may not run, or if a policy is a live object that no longer exists. With
+    `again`, other processes may need the policy, so every live object is refused.
     """
     policies = customs(spec)
     targets = list(dict.fromkeys(custom.target for custom in policies if not custom.is_live))
@@ -64,8 +66,8 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
                 f"{where}: found {custom.target}, an object that acts in the Python session of its run and "
                 "nowhere else; put its class into a file and name it with kind: custom"
             )
-        for text in _undeclared(custom, places_of(spec)):
-            say(f"{custom.target}: params: {text} is a file; list it under files, so that it is recorded")
+        for file in _undeclared(custom, places_of(spec)):
+            say(f"{custom.target}: params: {file} is a file; list it under files, so that it is recorded")
 
 
 def announce(spec: DatasetSpec) -> None:
@@ -75,42 +77,40 @@ def announce(spec: DatasetSpec) -> None:
 
 
 def places_of(spec: DatasetSpec) -> Places:
-    """The folders in which the code of custom policies is looked for."""
+    """The folders in which ibdata looks for the code of custom policies."""
     return two_places(spec.experiments[0].folder)
 
 
-def _undeclared(custom: Custom, places: Places) -> list[str]:
-    """The texts in a policy's parameters that name an existing file, and are not declared."""
-    texts = dict.fromkeys(_texts(custom.params))
-    return [
-        text
-        for text in texts
-        if text not in (custom.files or ()) and any(os.path.isfile(folder / text) for folder in places)
-    ]
+def _undeclared(custom: Custom, folders: Places) -> list[str]:
+    """The existing files that a policy's parameters name without declaring them."""
+    declared = custom.files or ()
+    texts = [text for text in dict.fromkeys(_texts(custom.params)) if text not in declared]
+    return [text for text in texts if any(os.path.isfile(folder / text) for folder in folders)]
 
 
 def _texts(value: Any) -> Iterator[str]:
+    """All texts inside a value."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, list | dict):
-        for inner in value.values() if isinstance(value, dict) else value:
-            yield from _texts(inner)
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _texts(item)
 
 
-def consented_spec(place: Any, listed: Manifest, allow_code: bool) -> DatasetSpec:
-    """Return the specification of a dataset, after `require_consent`, to make its episodes again."""
-    spec = spec_in(place, listed)
-    require_consent(spec, storage(place).name, allow_code, again=True)
+def consented_spec(location: Any, manifest: Manifest, allow_code: bool) -> DatasetSpec:
+    """Read the specification of a dataset whose episodes are made again, after `require_consent`."""
+    spec = spec_in(location, manifest)
+    require_consent(spec, storage(location).name, allow_code, again=True)
     return spec
 
 
 def record(policies: Sequence[Custom]) -> list[Code]:
-    """Describe the code of policies that this process has loaded and that have acted.
+    """Describe the code of policies that have acted in this process.
 
-    Modules and packages are those of the whole process, and are listed with the first policy.
+    The first entry also holds the modules and packages of the whole process.
     """
     distinct = {(policy.target, *policy.declared().values()): policy for policy in policies}.values()
-    records = [
+    entries = [
         Code(
             target=policy.target,
             version=None if policy.is_live else _version(re.split("[.:]", policy.target)[0]),
@@ -121,26 +121,26 @@ def record(policies: Sequence[Custom]) -> list[Code]:
     ]
     if not all(policy.is_live for policy in policies):
         files, versions = _in_use([_target_file(policy) for policy in policies])
-        records[0] = records[0].model_copy(
-            update={"files": files | records[0].files, "distributions": versions}
-        )
-    return records
+        update = {"files": files | entries[0].files, "distributions": versions}
+        entries[0] = entries[0].model_copy(update=update)
+    return entries
 
 
 def _in_use(targets: Sequence[Path | None]) -> tuple[dict[str, str | None], dict[str, str]]:
-    """The hashes of all other modules in use, and the versions of packages that were imported with them."""
+    """The hashes of the modules in use besides the targets, and the versions of the packages in use."""
     files: dict[str, str | None] = {}
     packages = {"numba", "numpy"}
     for name, module in list(sys.modules.items()):
-        path, top = file_of(module), name.partition(".")[0]
-        if path is None or path in targets or top in OTHERS:
+        path, package = file_of(module), name.partition(".")[0]
+        if path is None or path in targets or package in OTHERS:
             continue
         if not is_installed(path):
             folders = name.split(".") if hasattr(module, "__path__") else name.split(".")[:-1]
             files["/".join([*folders, path.name])] = file_sha256(path)
-        elif name not in known_before and top not in sys.stdlib_module_names:
-            packages.add(top)
-    return files, {name: version for name in sorted(packages) if (version := _version(name)) is not None}
+        elif name not in known_before and package not in sys.stdlib_module_names:
+            packages.add(package)
+    versions = {package: _version(package) for package in sorted(packages)}
+    return files, {package: version for package, version in versions.items() if version is not None}
 
 
 def _target_file(policy: Custom) -> Path | None:
@@ -160,44 +160,46 @@ def _version(package: str) -> str | None:
     return version if isinstance(version, str) else None
 
 
-def changed_here(spec: DatasetSpec, began: Sequence[Code]) -> list[str]:
-    """The files of a record that are other ones here, as far as they are found without importing anything."""
-    beside = [Path(), *(Path(code.target.partition(":")[0]).parent for code in began)]
-    folders = [*(root / path for root in places_of(spec) for path in beside), *map(Path, sys.path)]
+def changed_here(spec: DatasetSpec, record: Sequence[Code]) -> list[str]:
+    """The files of a record whose content differs on this machine. Nothing is imported to find them."""
+    subfolders = [Path(), *(Path(code.target.partition(":")[0]).parent for code in record)]
+    folders = [folder / subfolder for folder in places_of(spec) for subfolder in subfolders]
+    folders += map(Path, sys.path)
     names = []
-    for name, recorded in _hashes(began).items():
-        paths = (folder / path for folder in folders for path in _files_of(name))
-        file = next(filter(Path.is_file, paths), None)
-        if file is not None and file_sha256(file) != recorded:
+    for name, recorded in _hashes(record).items():
+        paths = (folder / file for folder in folders for file in _files_of(name))
+        path = next(filter(Path.is_file, paths), None)
+        if path is not None and file_sha256(path) != recorded:
             names.append(name)
     return names
 
 
 def _files_of(name: str) -> list[str]:
-    """The files that a record's name may stand for: a path, or the target `package.module:name`."""
+    """The files that a name in a record may mean. The name is a path or the target `package.module:name`."""
     source, colon, _ = name.partition(":")
     module = source.replace(".", "/")
     return [f"{module}.py", f"{module}/__init__.py"] if colon and not source.endswith(".py") else [source]
 
 
-def changed(was: Iterable[Code], here: Iterable[Code]) -> list[str]:
-    """What differs of the files and versions that two records both name."""
-    one, other = _hashes(was), _hashes(here)
-    return [name for name in one if name in other and other[name] != one[name]]
+def changed(before: Iterable[Code], after: Iterable[Code]) -> list[str]:
+    """The names of files and versions that two records share and that differ."""
+    hashes, new_hashes = _hashes(before), _hashes(after)
+    shared = [name for name in hashes if name in new_hashes]
+    return [name for name in shared if new_hashes[name] != hashes[name]]
 
 
-def _hashes(code: Iterable[Code]) -> dict[str, str]:
-    """The hashes and versions in a record, by the names that messages give them."""
+def _hashes(record: Iterable[Code]) -> dict[str, str]:
+    """The hashes and versions in a record, by their names in messages."""
     hashes: dict[str, str | None] = {}
-    for record in code:
-        hashes |= {record.target: record.sha256, **record.files}
-        hashes |= {f"the version of {name}": version for name, version in record.distributions.items()}
+    for code in record:
+        hashes |= {code.target: code.sha256, **code.files}
+        hashes |= {f"the version of {name}": version for name, version in code.distributions.items()}
     return {name: value for name, value in hashes.items() if value is not None}
 
 
-def refuse_changed(began: Iterable[Code], policies: Sequence[Custom], where: str | Path) -> None:
-    """Raise UsageError if the files of these policies, which are loaded, are not those of a record."""
-    files = [code.model_copy(update={"distributions": {}}) for code in began]
+def refuse_changed(recorded: Iterable[Code], policies: Sequence[Custom], where: str | Path) -> None:
+    """Raise UsageError if the files of these loaded policies differ from those of a record."""
+    files = [code.model_copy(update={"distributions": {}}) for code in recorded]
     if names := changed(files, record(policies)):
         raise UsageError(
             f"{where}: found other code than the dataset was made with, in {names_of(names)}; restore it, "
@@ -206,5 +208,5 @@ def refuse_changed(began: Iterable[Code], policies: Sequence[Custom], where: str
 
 
 def names_of(names: Iterable[str]) -> str:
-    """Names of files in a record, for a message."""
+    """The first names of a list of files, as text for a message."""
     return printable(", ".join(list(names)[:8]))

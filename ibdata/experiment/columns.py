@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,44 +24,49 @@ class Column(NamedTuple):
     low: float | None
     high: float | None
     description: str
-    variable: str | None = None  # the variable of the state that it holds
-    later: bool = False  # the value at t + 1, not at t
+    variable: str | None = None  # the variable of the state in this column
+    later: bool = False  # whether the value is that at t + 1
 
     def form(self) -> dict[str, Any]:
-        """The column as a dataset's files describe it."""
-        described = self._asdict()
-        del described["variable"], described["later"]
-        return described
+        """The column as the files of a dataset describe it."""
+        form = self._asdict()
+        del form["variable"], form["later"]
+        return form
 
 
 def columns(experiment: Experiment) -> list[Column]:
     """The columns of an experiment's dataset, in their order."""
     dtype = experiment.output.dtype
-    chosen = experiment.output.latent
-    latent = hidden(experiment.drifting) if chosen else ()
-    derived = of_role("derived") if chosen == "full" else ()
+    option = experiment.output.latent
+    latent = hidden(experiment.drifting) if option else ()
+    derived = of_role("derived") if option == "full" else ()
 
-    def of(prefix: str, role: str, names: tuple[str, ...], when: str, later: bool) -> list[Column]:
-        return [
-            Column(f"{prefix}{x}", role, dtype, v.unit, v.low, v.high, f"{v.meaning}{when}", x, later)
-            for x in names
-            for v in (VARIABLES[x],)
-        ]
+    def state_columns(
+        prefix: str, role: str, names: tuple[str, ...], when: str, later: bool
+    ) -> Iterator[Column]:
+        for name in names:
+            variable = VARIABLES[name]
+            meaning = f"{variable.meaning}{when}"
+            bounds = variable.low, variable.high
+            yield Column(f"{prefix}{name}", role, dtype, variable.unit, *bounds, meaning, name, later)
 
     return [
         Column("episode", "index", "int64", "1", 0, None, "running number of the episode"),
         Column("step", "index", "int32", "1", 0, None, "step t within the episode"),
-        *of("obs_", "observation", OBSERVATION, ", at t", False),
+        *state_columns("obs_", "observation", OBSERVATION, ", at t", False),
         *(
-            Column(f"act_{x}", "action", dtype, "1", -1, 1, f"proposed change of {x}, at t (always float32)")
-            for x in ("velocity", "gain", "shift")
+            Column(
+                f"act_{setting}", "action", dtype, "1", -1, 1,
+                f"proposed change of {setting}, at t (always float32)",
+            )
+            for setting in ("velocity", "gain", "shift")
         ),
-        *of("", "reward", ("reward",), "", True),
+        *state_columns("", "reward", ("reward",), "", True),
         Column("terminated", "flag", "bool", "1", 0, 1, "always false: the benchmark never ends by itself"),
         Column("truncated", "flag", "bool", "1", 0, 1, "true on the last row of an episode"),
-        *of("next_obs_", "next_observation", OBSERVATION, ", at t + 1", True),
-        *of("latent_", "latent", (*latent, *derived), ", at t", False),
-        *of("next_latent_", "next_latent", latent if chosen == "next" else (), ", at t + 1", True),
+        *state_columns("next_obs_", "next_observation", OBSERVATION, ", at t + 1", True),
+        *state_columns("latent_", "latent", (*latent, *derived), ", at t", False),
+        *state_columns("next_latent_", "next_latent", latent if option == "next" else (), ", at t + 1", True),
         Column("policy", "policy", "string", "1", None, None, "label of the behaviour policy"),
         Column(
             "action_log_prob", "log_prob", dtype, "1", None, None,
@@ -71,7 +77,7 @@ def columns(experiment: Experiment) -> list[Column]:
 
 
 class Layout(NamedTuple):
-    """The mapping of a rollout's record to float columns."""
+    """How the record of a rollout fills the float columns."""
 
     names: tuple[str, ...]  # of the float columns
     rows: npt.NDArray[np.int64]  # the variables of the record, see `kernel.simulate`
@@ -82,13 +88,18 @@ class Layout(NamedTuple):
 
 def layout(experiment: Experiment) -> Layout:
     """The float columns of an experiment's dataset and where their values come from."""
-    floats = [c for c in columns(experiment) if c.dtype == experiment.output.dtype]
-    names = tuple(c.name for c in floats)
-    recorded = list(dict.fromkeys(c.variable for c in floats if c.variable is not None))
+    floats = [column for column in columns(experiment) if column.dtype == experiment.output.dtype]
+    names = tuple(column.name for column in floats)
+    recorded = list(dict.fromkeys(column.variable for column in floats if column.variable is not None))
+    sources = [
+        (recorded.index(column.variable), i, column.later)
+        for i, column in enumerate(floats)
+        if column.variable
+    ]
     return Layout(
         names,
         record_rows(recorded),
-        np.array([(recorded.index(c.variable), i, c.later) for i, c in enumerate(floats) if c.variable]),
+        np.array(sources),
         names.index("act_velocity"),
         names.index("action_log_prob"),
     )

@@ -1,4 +1,4 @@
-"""The specification of a dataset: its experiment, or several if it was merged, and splits made later."""
+"""The specification of a dataset: its experiments, several in a merged dataset, and its later splits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from ibdata.dataset import manifest
+from ibdata.dataset import manifest as manifest_file
 from ibdata.dataset.models import Manifest
 from ibdata.dataset.splits import read_splits
 from ibdata.errors import DatasetError, printable
@@ -22,7 +22,7 @@ from ibdata.system.storage import damaged
 
 
 class Run(NamedTuple):
-    """Episodes first … stop - 1 of a dataset, each of so many steps."""
+    """Episodes first … stop - 1 of a dataset, which all have `steps` steps."""
 
     first: int
     stop: int
@@ -30,7 +30,7 @@ class Run(NamedTuple):
 
 
 def fitting(split: Split, experiment: Experiment) -> Split | None:
-    """A split without what an experiment lacks of it; None if nothing is left."""
+    """The part of a split that an experiment has; None if it has none."""
     cells = [cell for cell in experiment.cells if split.selects(cell.setpoint, cell.label)]
     indices = split.indices(experiment.episodes)
     stop = min(indices.stop, experiment.episodes)
@@ -46,7 +46,7 @@ def fitting(split: Split, experiment: Experiment) -> Split | None:
 
 @dataclass(frozen=True)
 class DatasetSpec:
-    """The experiments of a dataset in order; `later` are splits that label episodes and have no files."""
+    """The experiments of a dataset in order. The splits in `later` label episodes and have no files."""
 
     name: str
     experiments: tuple[Experiment, ...]
@@ -54,12 +54,12 @@ class DatasetSpec:
 
     @classmethod
     def of(cls, experiment: Experiment) -> DatasetSpec:
-        """The specification of a dataset that `generate` makes."""
+        """The specification of a dataset with one experiment."""
         return cls(experiment.name, (experiment,))
 
     @classmethod
     def from_plain(cls, data: Mapping[str, Any], weights: Mapping[str, bytes]) -> DatasetSpec:
-        """Read what `plain` and `weights` returned, or what a dataset holds."""
+        """Read the data of `plain` and `weights`, or the same data from a dataset."""
         for path, content in weights.items():
             try:
                 kept(content)
@@ -68,8 +68,8 @@ class DatasetSpec:
         return cls(data["name"], tuple(map(Experiment.model_validate, data["experiments"])))
 
     def plain(self) -> dict[str, Any]:
-        """Name and experiments as plain data for JSON; without the later splits, which no shard needs."""
-        return {"name": self.name, "experiments": [each.plain() for each in self.experiments]}
+        """Name and experiments as plain data for JSON. No shard needs the later splits."""
+        return {"name": self.name, "experiments": [experiment.plain() for experiment in self.experiments]}
 
     @cached_property
     def shards(self) -> list[Shard]:
@@ -88,7 +88,7 @@ class DatasetSpec:
     @property
     def declared(self) -> list[str]:
         """The names of the splits that consist of whole files, in order."""
-        return list(dict.fromkeys(name for e in self.experiments for name in e.splits))
+        return list(dict.fromkeys(name for experiment in self.experiments for name in experiment.splits))
 
     @property
     def rows(self) -> int:
@@ -98,23 +98,24 @@ class DatasetSpec:
     @property
     def episodes(self) -> int:
         """The number of episodes in the dataset."""
-        return sum(len(e.cells) * e.episodes for e in self.experiments)
+        return sum(len(experiment.cells) * experiment.episodes for experiment in self.experiments)
 
     @property
     def labels(self) -> list[str]:
         """The policies' labels, in order."""
-        return list(dict.fromkeys(label for e in self.experiments for label in e.labels))
+        return list(dict.fromkeys(label for experiment in self.experiments for label in experiment.labels))
 
     @property
     def licences(self) -> list[str]:
         """The licences of the experiments, in order."""
-        return list(dict.fromkeys(e.licence for e in self.experiments))
+        return list(dict.fromkeys(experiment.licence for experiment in self.experiments))
 
     @property
     def weights(self) -> dict[str, bytes]:
-        """The files of the weights of all networks, by the names that they have in a dataset."""
-        policies = (each for e in self.experiments for policy in e.policies for each in policy.everywhere())
-        return {each.file: each.weights.data for each in policies if isinstance(each, Network)}
+        """The contents of the weights files of all networks, by their names in a dataset."""
+        policies = (policy for experiment in self.experiments for policy in experiment.policies)
+        parts = (part for policy in policies for part in policy.everywhere())
+        return {part.file: part.weights.data for part in parts if isinstance(part, Network)}
 
     def of_shard(self, shard: Shard) -> Experiment:
         """The experiment that a shard belongs to."""
@@ -122,21 +123,21 @@ class DatasetSpec:
 
     def later_runs(self) -> dict[str, list[Run]]:
         """The episodes of each later split."""
-        runs_of: dict[str, list[Run]] = {name: [] for name in self.later}
+        split_runs: dict[str, list[Run]] = {name: [] for name in self.later}
         offset = 0
         for experiment in self.experiments:
             for first, stop, names in segments(experiment, self.later):
                 for name in names:
-                    runs = runs_of[name]
+                    runs = split_runs[name]
                     run = Run(offset + first, offset + stop, experiment.steps)
                     if runs and (runs[-1].stop, runs[-1].steps) == (run.first, run.steps):
                         run = Run(runs.pop().first, run.stop, run.steps)
                     runs.append(run)
             offset += len(experiment.cells) * experiment.episodes
-        return runs_of
+        return split_runs
 
     def all_declared(self) -> DatasetSpec:
-        """A copy in which the later splits are declared, so that their episodes get files of their own."""
+        """A copy that declares the later splits, so that their episodes get files of their own."""
         experiments = []
         for experiment in self.experiments:
             fitted = {name: fitting(split, experiment) for name, split in self.later.items()}
@@ -145,31 +146,36 @@ class DatasetSpec:
         return DatasetSpec(self.name, tuple(experiments))
 
 
-def declared_spec(place: Any, listed: Manifest) -> DatasetSpec:
-    """Read the specification in a dataset's manifest, and the weights that the dataset carries.
+def declared_spec(location: Any, manifest: Manifest) -> DatasetSpec:
+    """Read the specification in the manifest of a dataset, and the weights files of the dataset.
 
     Raises DatasetError if it is not valid or weights are missing.
     """
-    files = [path for path in listed.entries() if manifest.WEIGHTS.fullmatch(path)]
-    weights = {path: manifest.listed_content(place, listed, path) for path in files}
+    paths = [path for path in manifest.entries() if manifest_file.WEIGHTS.fullmatch(path)]
+    weights = {path: manifest_file.listed_content(location, manifest, path) for path in paths}
     try:
-        return DatasetSpec.from_plain(listed.model_dump(include={"name", "experiments"}), weights)
+        return DatasetSpec.from_plain(manifest.model_dump(include={"name", "experiments"}), weights)
     except ValidationError as error:
-        raise damaged(place, manifest.PATH, f"experiments: {_first_line(error)}") from None
+        raise damaged(location, manifest_file.PATH, f"experiments: {_first_line(error)}") from None
 
 
-def spec_in(place: Any, listed: Manifest) -> DatasetSpec:
-    """As `declared_spec`, with the later splits. Raises DatasetError also if those are not valid."""
-    spec, entries = declared_spec(place, listed), read_splits(place, listed)
+def spec_in(location: Any, manifest: Manifest) -> DatasetSpec:
+    """Read the specification as `declared_spec` does, and the later splits.
+
+    Raises DatasetError also if those splits are not valid.
+    """
+    spec, entries = declared_spec(location, manifest), read_splits(location, manifest)
     try:
         later = {
             name: Split.model_validate(entry.split) for name, entry in entries.items() if not entry.declared
         }
     except ValidationError as error:
-        raise manifest.wrong(place, listed, manifest.SPLITS, _first_line(error)) from None
+        raise manifest_file.wrong(location, manifest, manifest_file.SPLITS, _first_line(error)) from None
     return replace(spec, later=later)
 
 
 def _first_line(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
-    return printable(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
+    """The path and the message of the first problem."""
+    problem = error.errors(include_url=False)[0]
+    path = ".".join(map(str, problem["loc"]))
+    return printable(f"{path}: {problem['msg']}")

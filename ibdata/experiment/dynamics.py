@@ -19,14 +19,13 @@ class ReplacedFields(FrozenModel):
 
     def variant(self) -> Variant:
         """The variant. Raises ValueError if its fields are invalid."""
-        replaced = {f.name: getattr(self, f.name) for f in dataclasses.fields(Variant)}
-        return dataclasses.replace(
-            VARIANTS[self.base], **{k: v for k, v in replaced.items() if v is not None}
-        )
+        options = {field.name: getattr(self, field.name) for field in dataclasses.fields(Variant)}
+        replacements = {name: value for name, value in options.items() if value is not None}
+        return dataclasses.replace(VARIANTS[self.base], **replacements)
 
 
 def _fitting(name: str) -> AfterValidator:
-    """A validator that refuses what `Variant` refuses; each rule of `Variant` concerns one field."""
+    """A validator of one field, which applies the rules of `Variant`; each rule concerns one field."""
 
     def check(value: Any) -> Any:
         try:
@@ -40,7 +39,7 @@ def _fitting(name: str) -> AfterValidator:
 
 
 def _strict(hint: Any) -> Any:
-    """The type with strict numbers, as in the other models."""
+    """The type of a field of `Variant`, with strict numbers as in the other models."""
     if get_origin(hint) is tuple:
         return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]  # known at run time
     return {float: Real, int: Annotated[int, WHOLE, Field(strict=True)]}[hint]

@@ -15,6 +15,7 @@ from ibdata.policies.base import FrozenModel
 
 
 def _ordered(pair: list[int]) -> list[int]:
+    """Check that the first of two numbers is not the greater one."""
     if pair[1] < pair[0]:
         raise ValueError(f"found {pair}, expected [fewest, most] steps in this order")
     return pair
@@ -114,19 +115,20 @@ class Split(FrozenModel):
         return frozenset(self.setpoints() or ())
 
     def selects(self, setpoint: float, label: str) -> bool:
-        """Whether it selects some episodes of the cell with this setpoint and this label of a policy."""
-        here = self.setpoint is None or setpoint in self._setpoints
-        return here and (self.policy is None or label in (self.policies() or ()))
+        """Whether the split selects episodes of the cell with this setpoint and this policy label."""
+        has_setpoint = self.setpoint is None or setpoint in self._setpoints
+        has_label = self.policy is None or label in (self.policies() or ())
+        return has_setpoint and has_label
 
     def indices(self, episodes: int) -> range:
-        """The indices of the selected episodes in a cell with that many episodes.
+        """The indices of the selected episodes in a cell of so many episodes.
 
-        The first episodes of a share are at least one; the last ones are the rest.
+        A share `first …%` has at least one episode. A share `last …%` has the rest.
         """
         if isinstance(self.episodes, EpisodeRange):
             return range(self.episodes.start, self.episodes.stop + 1)
         if isinstance(self.episodes, str) and (share := SHARE.fullmatch(self.episodes)):
-            first, percent = share[1] == "first", int(share[2])
-            border = max(1, episodes * (percent if first else 100 - percent) // 100)
-            return range(border) if first else range(border, episodes)
+            is_first, percent = share[1] == "first", int(share[2])
+            border = max(1, episodes * (percent if is_first else 100 - percent) // 100)
+            return range(border) if is_first else range(border, episodes)
         return range(self.episodes if isinstance(self.episodes, int) else episodes)

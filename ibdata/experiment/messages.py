@@ -1,4 +1,4 @@
-"""Rephrase pydantic's errors for users: what was found, what was expected, and a similar valid word."""
+"""Rephrase the errors of pydantic for users: the value, what was expected, and a similar valid word."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ibdata.errors import ConfigError, Loc, Problems, suggestion
 from ibdata.policies import POLICIES
 from ibdata.policies.custom import TARGET, TARGET_MEANT
 
-# error type → what was expected, with the error's context filled in
+# type of an error → what was expected; the context of the error fills the braces
 EXPECTED = {
     "int_type": "a whole number",
     "int_from_float": "a whole number",
@@ -52,7 +52,7 @@ class Problem(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The problem after the path of the value, with its parts joined by dots."""
+        """The problem after the path of the value, whose parts are joined by dots."""
         key = ".".join(map(str, self.loc))
         return f"{key}: {self.message}" if key else self.message
 
@@ -72,19 +72,21 @@ def refusals(
 
 
 def problems(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
-    """Return the problems that pydantic found in the data of a model, in the words of a user."""
-    problems_found: list[Problem] = []
+    """Return the problems that pydantic found in the data of a model, rephrased for users."""
+    rephrased: list[Problem] = []
     for detail in error.errors():
-        kind, inner = detail["type"], detail.get("ctx", {}).get("error")
+        kind, cause = detail["type"], detail.get("ctx", {}).get("error")
         loc = _path(detail["loc"], data, keep_last=kind in ("extra_forbidden", "missing"))
-        if isinstance(inner, Problems):
-            problems_found += [Problem((*loc, *path), message, at_key=False) for path, message in inner.found]
+        if isinstance(cause, Problems):
+            rephrased += [Problem((*loc, *path), message, at_key=False) for path, message in cause.found]
             continue
-        if kind == "union_tag_invalid" and isinstance(_at(data, loc), dict):  # not a policy's bare name
+        if kind == "union_tag_invalid" and isinstance(
+            _at(data, loc), dict
+        ):  # the bare name of a policy has no kind
             loc = (*loc, "kind")
-        message = _rephrased(detail, _options_at(model, data, loc[:-1]))
-        problems_found.append(Problem(loc, message, at_key=kind == "extra_forbidden"))
-    return problems_found
+        message = _message(detail, _options_at(model, data, loc[:-1]))
+        rephrased.append(Problem(loc, message, at_key=kind == "extra_forbidden"))
+    return rephrased
 
 
 def _path(loc: Loc, data: Any, keep_last: bool) -> Loc:
@@ -106,21 +108,21 @@ def _at(data: Any, loc: Loc) -> Any:
     return data
 
 
-def _rephrased(error: Mapping[str, Any], known: list[str]) -> str:
-    """Rephrase one error of pydantic as 'found …, expected …'."""
+def _message(error: Mapping[str, Any], options: list[str]) -> str:
+    """The message 'found …, expected …' for one error of pydantic."""
     kind, context, value = error["type"], error.get("ctx", {}), error["input"]
     if kind == "extra_forbidden":
         key = str(error["loc"][-1])
-        names = ", ".join(known)
-        return f"no such option{suggestion(key, known) or f'; expected one of {names}'}"
+        hint = suggestion(key, options) or f"; expected one of {', '.join(options)}"
+        return f"no such option{hint}"
     if kind == "missing":
         return "missing, expected a value"
     if kind in ("literal_error", "union_tag_invalid"):
         words = _words(context.get("expected") or context["expected_tags"])
-        found = value.get("kind") if kind == "union_tag_invalid" and isinstance(value, dict) else value
-        near = suggestion(str(found), words)
+        word = value.get("kind") if kind == "union_tag_invalid" and isinstance(value, dict) else value
+        hint = suggestion(str(word), words)
         one_of = "one of " if len(words) > 1 else ""
-        return f"found {shown(found)}, expected {one_of}{', '.join(words)}{near}"
+        return f"found {shown(word)}, expected {one_of}{', '.join(words)}{hint}"
     if kind == "union_tag_not_found":
         return f"found {shown(value)}, expected a mapping with 'kind'"
     if kind in ("value_error", "assertion_error"):
@@ -129,17 +131,17 @@ def _rephrased(error: Mapping[str, Any], known: list[str]) -> str:
         return f"found {shown(value)}, expected {TARGET_MEANT}"
     if kind in EXPECTED:
         bound = context.get("min_length", context.get("max_length", next(iter(context.values()), None)))
-        filled = {
+        placeholders = {
             "number": "whole number" if isinstance(bound, int) else "number",
             "bound": f"{bound:g}" if isinstance(bound, float) else bound,
             "items": "item" if bound == 1 else "items",
         }
-        return f"found {shown(value)}, expected {EXPECTED[kind].format(**filled, **context)}"
+        return f"found {shown(value)}, expected {EXPECTED[kind].format(**placeholders, **context)}"
     return f"found {shown(value)}, expected: {error['msg']}"
 
 
 def _options_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
-    """The names of the options that the mapping at a path may have."""
+    """The names of the options that are valid in the mapping at a path."""
     if loc[:1] == ("policies",) and len(loc) > 1:
         block = _at(data, loc)
         policy = POLICIES.get(str(block.get("kind"))) if isinstance(block, dict) else None
@@ -147,21 +149,24 @@ def _options_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
     for part in loc:
         data = data[part]
         if (field := model.model_fields.get(str(part))) is not None:
-            model = max(_models(field.annotation), key=lambda each: _fit(each, data), default=model)
+            candidates = _models(field.annotation)
+            model = max(candidates, key=lambda candidate: _fit(candidate, data), default=model)
     return list(model.model_fields)
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
+    """All models in the type of a field."""
     if arguments := get_args(annotation):  # first, because to Python 3.10 list[int] is a type
         return [model for argument in arguments for model in _models(argument)]
     return [annotation] if isinstance(annotation, type) and issubclass(annotation, BaseModel) else []
 
 
 def _fit(model: type[BaseModel], data: Any) -> int:
+    """How many keys of a mapping are fields of a model."""
     return len(set(data) & set(model.model_fields)) if isinstance(data, dict) else 0
 
 
 def _words(expected: str) -> list[str]:
-    """The words, as YAML has them, of pydantic's "False, True, 'full' or 'next'"."""
+    """The words of a text such as "False, True, 'full' or 'next'" of pydantic, as YAML writes them."""
     words = [word.strip("'") for word in re.split(r", | or ", expected)]
     return [{"True": "true", "False": "false"}.get(word, word) for word in words]

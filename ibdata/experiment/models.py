@@ -51,7 +51,7 @@ class Experiment(FrozenModel):
             with refusals(options, Experiment):
                 super().__init__(**options)
 
-        # With this mark of pydantic's own, `model_validate` does not call __init__.
+        # Because of this attribute of pydantic, `model_validate` does not call __init__.
         __init__.__pydantic_base_init__ = True
 
     version: Literal[1] = Field(default=1, description="version of this format")
@@ -112,7 +112,7 @@ class Experiment(FrozenModel):
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """The labels of the policies in the data. If several have the same, the later ones get -2, -3, …"""
+        """The labels of the policies in the data. Repeated labels get the endings -2, -3, …"""
         return tuple(unequal(policy.label for policy in self.policies))
 
     @cached_property
@@ -126,14 +126,14 @@ class Experiment(FrozenModel):
         return len(self.cells) * self.episodes * self.steps
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy as pydantic does, but keep the folder, and raise ConfigError for an invalid copy."""
-        before = deepcopy(self.options()) if deep else self.options()
-        options = {**before, **plain(update or {})}
+        """Copy as pydantic does, but keep the folder. Raises ConfigError if the copy is not valid."""
+        options = deepcopy(self.options()) if deep else self.options()
+        options = {**options, **plain(update or {})}
         with refusals(options, type(self)):
             return self.model_validate(options, context={"folder": self.folder})
 
     def part(self, steps: int, episodes: int) -> Experiment:
-        """The same cells with fewer steps and episodes, and without what is said of other episodes."""
+        """The same cells with fewer steps and episodes, and without splits, which may name other episodes."""
         return self.model_copy(update={"steps": steps, "episodes": episodes, "splits": {}})
 
     def plain(self) -> dict[str, Any]:
@@ -149,48 +149,53 @@ class Experiment(FrozenModel):
         return self
 
     def _contradictions(self) -> Iterator[tuple[Loc, str]]:
+        """The problems of options that do not fit each other, by path."""
         setpoints, _ = setpoint_values(self.setpoints)
         cells = len(setpoints) * len(self.policies)
         if cells * self.episodes / max(1, self.output.shard_rows // self.steps) > MAX_SHARDS:
             message = f"found more than {MAX_SHARDS} files, expected at most {MAX_SHARDS}"
             yield ("output", "shard_rows"), message
-        if twice := repeated(setpoints):
-            yield ("setpoints",), twice
+        if problem := repeated(setpoints):
+            yield ("setpoints",), problem
         forms = [policy.form() for policy in self.policies]
         for i, form in enumerate(forms):
             if form in forms[:i]:
                 message = f"found the same policy as policies.{forms.index(form)}; remove one of the two"
                 yield ("policies", i), message
         for name, split in self.splits.items():
-            yield from ((("splits", name, key), text) for key, text in self._unknown_in(split, {*setpoints}))
+            for key, problem in self._unknown_in(split, set(setpoints)):
+                yield ("splits", name, key), problem
 
     def _unknown_in(self, split: Split, setpoints: set[float]) -> Iterator[tuple[str, str]]:
-        for p in split.setpoints() or ():
-            if p not in setpoints:
-                yield "setpoint", f"found {exact(p)}, expected one of the setpoints of the experiment"
+        """The problems of a split that names what the experiment lacks, by key."""
+        for setpoint in split.setpoints() or ():
+            if setpoint not in setpoints:
+                yield "setpoint", f"found {exact(setpoint)}, expected one of the setpoints of the experiment"
         for label in split.policies() or ():
             if label not in self.labels:
                 known = f"{', '.join(self.labels)}{suggestion(label, self.labels)}"
                 yield "policy", f"found {label!r}, expected one of {known}"
         indices = split.indices(self.episodes)
-        without = "leave out all splits by the override splits={}"
+        remedy = "leave out all splits by the override splits={}"
         if isinstance(split.episodes, str) and not indices:
-            held = f"which is none of {counted(self.episodes, 'episode')}, expected at least one"
-            yield "episodes", f"found {split.episodes}, {held}; set more episodes, or {without}"
+            problem = f"which is none of {counted(self.episodes, 'episode')}, expected at least one"
+            yield "episodes", f"found {split.episodes}, {problem}; set more episodes, or {remedy}"
         elif not indices or indices.stop > self.episodes:
             yield (
                 "episodes",
                 f"found episodes {indices.start} to {indices.stop - 1}, expected some of 0 to "
-                f"{self.episodes - 1}; change it, or {without}",
+                f"{self.episodes - 1}; change it, or {remedy}",
             )
 
     def _shared_episodes(self) -> Iterator[tuple[Loc, str]]:
-        apart = {name: split for name, split in self.splits.items() if not split.overlap}
-        if len(apart) < 2:
+        """The pairs of splits that share episodes without `overlap: true`, as problems of the second one."""
+        disjoint = {name: split for name, split in self.splits.items() if not split.overlap}
+        if len(disjoint) < 2:
             return
-        sharing = {pair for _, _, names in segments(self, apart) for pair in combinations(names, 2)}
-        for a, b in sorted(sharing, key=lambda pair: [*map(list(apart).index, reversed(pair))]):
+        pairs = {pair for _, _, names in segments(self, disjoint) for pair in combinations(names, 2)}
+        order = list(disjoint)
+        for first, second in sorted(pairs, key=lambda pair: (order.index(pair[1]), order.index(pair[0]))):
             yield (
-                ("splits", b),
-                f"shares episodes with {a}; change one of the two, or set overlap: true",
+                ("splits", second),
+                f"shares episodes with {first}; change one of the two, or set overlap: true",
             )

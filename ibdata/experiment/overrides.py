@@ -14,23 +14,27 @@ Overrides = Annotated[Sequence[str] | Mapping[str, Any], "a list of texts key=va
 
 
 def override_all(data: Any, overrides: Overrides) -> set[Loc]:
-    """Put overrides into the data of an experiment. Returns the paths that are new.
+    """Put overrides into the data of an experiment. Returns the new paths.
 
-    Raises UsageError for an override that is none, or for which there is no place in the data.
+    Raises UsageError if an override is not valid, or if its key does not fit the data.
     """
-    return {_put(data, *item) for key, value in _values(overrides) for item in _single(key, value)}
+    return {
+        _put(data, dotted, option)
+        for key, value in _values(overrides)
+        for dotted, option in _single(key, value)
+    }
 
 
 def _single(key: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """A mapping for `output`, which has options of its own, as an override of each; others as they are."""
+    """Split an override of `output` by a mapping into one override for each option of `output`."""
     if key == "output" and isinstance(value, dict) and value:
-        yield from ((f"output.{name}", inner) for name, inner in value.items())
+        yield from ((f"output.{name}", option) for name, option in value.items())
     else:
         yield key, value
 
 
 def _values(overrides: Overrides) -> Iterator[tuple[str, Any]]:
-    """The dotted keys and the values."""
+    """The dotted keys and the values of overrides."""
     if isinstance(overrides, Mapping):
         yield from ((str(key), plain(value)) for key, value in overrides.items())
         return
@@ -45,32 +49,32 @@ def _values(overrides: Overrides) -> Iterator[tuple[str, Any]]:
 
 
 def _put(data: Any, key: str, value: Any) -> Loc:
-    """Put a value at a dotted key. Returns the shortest path that is new.
+    """Put a value at a dotted key. Returns the shortest new path.
 
-    What is missing on the way becomes a mapping, and the bare name of a policy becomes its block.
+    A missing parent becomes a mapping, and the bare name of a policy becomes its block.
     """
-    *above, last = key.split(".")
-    if not all([*above, last]) or len(above) >= MAX_DEPTH:
+    *parents, last = key.split(".")
+    if not all([*parents, last]) or len(parents) >= MAX_DEPTH:
         raise UsageError(f"override: found the key {key!r}, expected names joined by dots")
     path: Loc = ()
-    new: Loc = ()
-    for part in above:
-        step = _place(data, part, key)
-        path = (*path, step)
-        below = data.get(step) if isinstance(data, dict) else data[step]
-        if isinstance(below, str) and path[0] == "policies":
-            below = data[step] = {"kind": below}
-        elif not isinstance(below, dict | list):
-            below = data[step] = {}
-            new = new or path
-        data = below
-    step = _place(data, last, key)
-    data[step] = value
-    return new or (*path, step)
+    new_path: Loc = ()
+    for part in parents:
+        index = _index(data, part, key)
+        path = (*path, index)
+        child = data.get(index) if isinstance(data, dict) else data[index]
+        if isinstance(child, str) and path[0] == "policies":
+            child = data[index] = {"kind": child}
+        elif not isinstance(child, dict | list):
+            child = data[index] = {}
+            new_path = new_path or path
+        data = child
+    index = _index(data, last, key)
+    data[index] = value
+    return new_path or (*path, index)
 
 
-def _place(data: Any, part: str, key: str) -> str | int:
-    """The key in a mapping, or the index in a list, that a part of a dotted key names."""
+def _index(data: Any, part: str, key: str) -> str | int:
+    """The index of a part of a dotted key: a key of a mapping, or a number in a list."""
     if isinstance(data, dict):
         return part
     if re.fullmatch("[0-9]{1,9}", part) and int(part) < len(data):

@@ -1,4 +1,4 @@
-"""Data from Python, such as tuples and numpy's numbers, with the types that YAML gives."""
+"""Convert data from Python, such as tuples and numbers of numpy, to the types of YAML."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 def plain(value: Any) -> Any:
     """A copy in which tuples, ranges and arrays are lists, and numbers of numpy are Python's.
 
-    Whatever is none of these, such as a policy, stays as it is.
+    Any other value, such as a policy, stays as it is.
 
     >>> import numpy as np
     >>> plain({"setpoints": np.arange(10, 40, 10), "start": {"burn_in": (1, 2)}})
     {'setpoints': [10, 20, 30], 'start': {'burn_in': [1, 2]}}
     """
     if isinstance(value, Mapping):
-        return {key: plain(inner) for key, inner in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | range):
-        return [plain(inner) for inner in value]
-    as_list = getattr(value, "tolist", None)  # of arrays, their numbers, and series of pandas
+        return [plain(item) for item in value]
+    as_list = getattr(value, "tolist", None)  # arrays and numbers of numpy and series of pandas have it
     return as_list() if callable(as_list) and not isinstance(value, type) else value

@@ -1,4 +1,4 @@
-"""The distribution of episodes to files, a pure function of the experiment."""
+"""Distribute episodes to files. The plan depends on the experiment only."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 class Shard(NamedTuple):
     """Episodes first … stop - 1 of an experiment, all in the same splits.
 
-    A merged dataset has several experiments: `experiment` is the number of this one, `offset` the number of
-    episodes of the dataset before it.
+    A merged dataset has several experiments. `experiment` is the index of this one, and `offset` is the
+    number of episodes in the experiments before it.
     """
 
     number: int
@@ -46,20 +46,21 @@ def plan(experiment: Experiment) -> list[Shard]:
 
 
 def episodes_per_shard(experiment: Experiment) -> int:
-    """The largest number of episodes of a shard."""
+    """The largest number of episodes in a shard."""
     return max(1, experiment.output.shard_rows // experiment.steps)
 
 
 def segments(experiment: Experiment, splits: Mapping[str, Split]) -> list[tuple[int, int, tuple[str, ...]]]:
-    """The longest runs (first, stop, splits) of episodes in the same splits."""
+    """The longest ranges (first, stop, splits) of episodes that are in the same splits."""
     n = experiment.episodes
-    held = {name: split.indices(n) for name, split in splits.items()}
-    ends = {0, n, *(min(n, end) for indices in held.values() for end in (indices.start, indices.stop))}
+    indices = {name: split.indices(n) for name, split in splits.items()}
+    ends = (end for selected in indices.values() for end in (selected.start, selected.stop))
+    borders = sorted({0, n, *(min(n, end) for end in ends)})
     runs: list[tuple[int, int, tuple[str, ...]]] = []
     for i, cell in enumerate(experiment.cells):
-        of_cell = [name for name, split in splits.items() if split.selects(cell.setpoint, cell.label)]
-        for low, high in pairwise(sorted(ends)):
-            names = tuple(name for name in of_cell if low in held[name])
+        cell_splits = [name for name, split in splits.items() if split.selects(cell.setpoint, cell.label)]
+        for low, high in pairwise(borders):
+            names = tuple(name for name in cell_splits if low in indices[name])
             if runs and runs[-1][2] == names:
                 runs[-1] = (runs[-1][0], i * n + high, names)
             else:

@@ -23,14 +23,19 @@ def log_densities(
 
     The recorded observations are (n, steps, 6), and the actions (n, steps, 3).
     """
-    out = np.empty(actions.shape[:2])
-    for start, end in blocks(experiment, first, stop):  # so that memory is bounded
-        part = slice(start - first, end - first)
-        out[part] = _of_block(experiment, np.arange(start, end), observations[part], actions[part])
-    return out
+    densities = np.empty(actions.shape[:2])
+    for start, end in blocks(experiment, first, stop):  # blocks limit the memory
+        rows = slice(start - first, end - first)
+        densities[rows] = _block_densities(
+            experiment, np.arange(start, end), observations[rows], actions[rows]
+        )
+    return densities
 
 
-def _of_block(experiment: Experiment, numbers: Ints, observations: Float32s, actions: Float32s) -> Floats:
+def _block_densities(
+    experiment: Experiment, numbers: Ints, observations: Float32s, actions: Float32s
+) -> Floats:
+    """The log densities (n, steps) of the actions of the episodes of a block."""
     episodes = episodes_of(experiment, numbers)
 
     def density(distribution: Distribution, _: Observed, rows: Rows) -> Floats:

@@ -19,7 +19,8 @@ from ibdata.simulation.unroll import LANES, Block, unroll
 from ibdata.simulation.variables import Table
 
 LEAST_LANES = 64
-# Rows of a table, which is encoded while the next is filled. The last bits of the statistics depend on it.
+# Rows of a table. One table is encoded while the next is filled.
+# The last bits of the statistics depend on this number.
 PART_ROWS = 2**18
 
 
@@ -32,13 +33,13 @@ class Columns(NamedTuple):
 
 
 class Memory:
-    """The memory of one table, which each `rollout` of a thread uses again."""
+    """The memory of one table. All calls of `rollout` in a thread share it."""
 
     def __init__(self) -> None:
         self._bytes = np.empty(0, np.uint8)
 
     def table(self, shape: tuple[int, int], dtype: str) -> Table:
-        """A table with any content; the one before it is gone."""
+        """A table of any content. It replaces the previous table."""
         size = shape[0] * shape[1] * np.dtype(dtype).itemsize
         if size > len(self._bytes):
             self._bytes = np.empty(size, np.uint8)
@@ -46,31 +47,32 @@ class Memory:
 
 
 def rollout(experiment: Experiment, first: int, stop: int, memory: Memory | None = None) -> Columns:
-    """Simulate episodes first … stop - 1 of a dataset into a table, whose memory may be used again.
+    """Simulate episodes first … stop - 1 of a dataset into a table in the given memory.
 
-    Raises PolicyError, which names policy, episode and step, for an action that is not valid.
+    Raises PolicyError for an action that is not valid. It names policy, episode and step.
     """
-    places, steps = layout(experiment), experiment.steps
-    table = (memory or Memory()).table((len(places.names), (stop - first) * steps), experiment.output.dtype)
+    float_layout, steps = layout(experiment), experiment.steps
+    shape = (len(float_layout.names), (stop - first) * steps)
+    table = (memory or Memory()).table(shape, experiment.output.dtype)
     clipped = 0
     for start, end in blocks(experiment, first, stop):
         episodes = episodes_of(experiment, np.arange(start, end))
-        for block in unroll(episodes, begin(episodes), places.rows, steps, densities=True):
-            write_columns(block, places, table, (start - first) * steps, steps)
+        for block in unroll(episodes, begin(episodes), float_layout.rows, steps, densities=True):
+            write_columns(block, float_layout, table, (start - first) * steps, steps)
             clipped += block.clipped
-    return Columns(places.names, table, clipped)
+    return Columns(float_layout.names, table, clipped)
 
 
 def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
     """Split episodes first … stop - 1 into parts, each of which is simulated into one table.
 
-    A part has at most PART_ROWS rows, in whole blocks. If a block would have more, a part has as many
-    episodes as fit but at least LEAST_LANES, because fewer lanes are simulated slowly.
+    A part consists of whole blocks and has at most PART_ROWS rows. If not even one block fits, a part has as
+    many episodes as fit, but at least LEAST_LANES, because fewer lanes are simulated slowly.
     """
-    most = PART_ROWS // experiment.steps
-    most = most // LANES * LANES or max(most, LEAST_LANES)
-    for start in range(first, stop, most):
-        yield start, min(stop, start + most)
+    fitting = PART_ROWS // experiment.steps
+    episodes = fitting // LANES * LANES or max(fitting, LEAST_LANES)
+    for start in range(first, stop, episodes):
+        yield start, min(stop, start + episodes)
 
 
 def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
@@ -83,45 +85,50 @@ def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int,
 
 
 def episodes_of(experiment: Experiment, numbers: Ints) -> Episodes:
-    """Episodes of these numbers (n,), with the policy of the first of them and at their own addresses."""
-    cells, cell_of, indices = cells_of(experiment, numbers)
-    keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[cell_of]
-    setpoints = np.array([cell.setpoint for cell in cells])[cell_of]
+    """The episodes with these numbers (n,). All of them get the policy of the first one."""
+    cells, cell_indices, indices = cells_of(experiment, numbers)
+    keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[cell_indices]
+    setpoints = np.array([cell.setpoint for cell in cells])[cell_indices]
     policy, label = cells[0].policy, cells[0].label
     return Episodes(experiment.scenario.world, policy, label, keys, keys, indices, setpoints, numbers)
 
 
 def cells_of(experiment: Experiment, numbers: Ints) -> tuple[list[Cell], Ints, Ints]:
-    """The cells of episodes of these numbers (n,), and for each its place among them and its index there."""
+    """The cells of the episodes with these numbers (n,).
+
+    Returns also, for each episode, the index of its cell in that list and its own index in the cell.
+    """
     cell_numbers, indices = np.divmod(numbers, experiment.episodes)
-    distinct, cell_of = np.unique(cell_numbers, return_inverse=True)
-    return [experiment.cells[i] for i in distinct.tolist()], cell_of, indices
+    distinct, cell_indices = np.unique(cell_numbers, return_inverse=True)
+    return [experiment.cells[i] for i in distinct.tolist()], cell_indices, indices
 
 
-def write_columns(block: Block, places: Layout, table: Table, row: int, steps: int) -> None:
-    """Write a block of episodes of so many steps into a table, in which the first of them begins at `row`."""
+def write_columns(block: Block, float_layout: Layout, table: Table, row: int, steps: int) -> None:
+    """Write a block of episodes with so many steps into a table, from the row `row` on."""
     kernel.scatter_columns(
-        block.record, block.actions, block.log_density, places.sources, places.first_action, places.log_prob,
+        block.record, block.actions, block.log_density,
+        float_layout.sources, float_layout.first_action, float_layout.log_prob,
         table, row + block.first, len(block.actions), steps,
     )  # fmt: skip
 
 
 def acting_in(experiment: Experiment, numbers: Ints) -> tuple[list[str], Ints]:
-    """Names of policies, and the place among them of that which acts in each of these episodes (n,).
+    """Names of policies, and for each of these episodes (n,) the index of the name of its acting policy.
 
-    Of a mixture, it is the policy that is drawn for the episode.
+    A mixture draws a policy for each episode, and that policy is the acting one.
     """
-    names, policies = list(experiment.labels), numbers // _per_policy(experiment)
-    acting = policies.copy()
-    for number, policy in enumerate(experiment.policies):
-        here = np.flatnonzero(policies == number)
-        if isinstance(policy, PolicyMixture) and len(here):
-            episodes = episodes_of(experiment, numbers[here])
+    names, policy_indices = list(experiment.labels), numbers // _per_policy(experiment)
+    acting = policy_indices.copy()
+    for i, policy in enumerate(experiment.policies):
+        rows = np.flatnonzero(policy_indices == i)
+        if isinstance(policy, PolicyMixture) and len(rows):
+            episodes = episodes_of(experiment, numbers[rows])
             [u] = draw_uniforms(episodes.draw, episodes.lanes, Purpose.EPISODE_POLICY, 0, 1, 1)
-            acting[here] = len(names) + policy.member(u[:, 0])
+            acting[rows] = len(names) + policy.member(u[:, 0])
             names += policy.members
     return names, acting
 
 
 def _per_policy(experiment: Experiment) -> int:
+    """The number of episodes of each policy."""
     return experiment.episodes * (len(experiment.cells) // len(experiment.policies))

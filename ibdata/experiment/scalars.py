@@ -13,7 +13,7 @@ MAX_SETPOINTS = 10_000
 
 
 def _whole(value: Any) -> Any:
-    """Accept 1e3 as a whole number; strict integers then refuse true."""
+    """Accept 1e3 as a whole number. Strict integers then refuse true."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
@@ -32,7 +32,7 @@ def _spdx(text: str) -> str:
     return text
 
 
-LICENCE = "CC-BY-4.0"  # of a dataset whose experiment names none
+LICENCE = "CC-BY-4.0"  # the licence where an experiment names none
 SPDX = r"[A-Za-z0-9(][A-Za-z0-9.+() -]{0,198}[A-Za-z0-9.+)]"
 WHOLE = BeforeValidator(_whole)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -48,15 +48,15 @@ SetpointList = Annotated[list[Setpoint], Field(min_length=1, max_length=MAX_SETP
 
 
 def by_form(*forms: str) -> Discriminator:
-    """Choose the branch of a union by the form of a value; that of the first form for one of no other."""
+    """Choose the branch of a union by the form of a value. Any other form gets the first branch."""
 
     def form(value: Any) -> str:
         if isinstance(value, dict | FrozenModel):
-            found = "<mapping>"
+            name = "<mapping>"
         elif isinstance(value, list):
-            found = "<list>"
+            name = "<list>"
         else:
-            found = "<word>" if isinstance(value, str) else "<number>"
-        return found if found in forms else forms[0]
+            name = "<word>" if isinstance(value, str) else "<number>"
+        return name if name in forms else forms[0]
 
     return Discriminator(form)

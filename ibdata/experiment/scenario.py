@@ -1,4 +1,4 @@
-"""What is simulated: a scenario, and its cells, on which the random numbers of an episode depend."""
+"""What is simulated: a scenario and its cells. The random numbers of an episode depend on its cell."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class Scenario(FrozenModel):
 
     @property
     def base(self) -> str:
-        """The name of the published dynamics, of which single fields may be replaced."""
+        """The name of the published dynamics. The scenario may replace single fields of them."""
         return self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base
 
     @cached_property
     def points(self) -> list[float]:
-        """The setpoints, at the start where they move."""
+        """The setpoints. If they move, these are their first values."""
         return setpoint_values(self.setpoint)[0]
 
     @cached_property
@@ -56,10 +56,9 @@ class Scenario(FrozenModel):
 
     @cached_property
     def world(self) -> World:
-        """What its episodes have in common, for the simulation."""
-        return World(
-            self.variant, self.start if isinstance(self.start, str) else self.start.steps, self.drifting
-        )
+        """What all episodes have in common, for the simulation."""
+        start = self.start if isinstance(self.start, str) else self.start.steps
+        return World(self.variant, start, self.drifting)
 
     @property
     def start_form(self) -> Any:
@@ -67,7 +66,7 @@ class Scenario(FrozenModel):
         return self.start if isinstance(self.start, str) else self.start.model_dump()
 
     def cells(self, policies: Iterable[tuple[str, Policy]]) -> tuple[Cell, ...]:
-        """The cells with these policies and their labels, by policy and then by setpoint."""
+        """The cells of these policies and labels, ordered by policy and then by setpoint."""
         dynamics = variant_form(self.base, self.variant)
         return tuple(
             Cell(dynamics, setpoint, self.drifting, policy, label, self.start_form)
@@ -78,13 +77,13 @@ class Scenario(FrozenModel):
     @field_validator("setpoint")
     @classmethod
     def _once(cls, setpoint: Any) -> Any:
-        if twice := repeated(setpoint_values(setpoint)[0]):
-            raise ValueError(twice)
+        if problem := repeated(setpoint_values(setpoint)[0]):
+            raise ValueError(problem)
         return setpoint
 
 
 def other_dynamics(policy: Policy, scenario: Scenario) -> Iterator[str]:
-    """What to say of a policy that is made for other dynamics than those of a scenario."""
+    """Warnings about parts of a policy that are made for other dynamics than those of a scenario."""
     for part in policy.everywhere():
         if isinstance(part, Expert) and part.dynamics != scenario.base:
             yield (
@@ -132,7 +131,7 @@ def form_digest(form: Mapping[str, Any]) -> bytes:
 
 
 def variant_form(base: str, variant: Variant) -> Any:
-    """The name `base`, with those fields of the variant that differ from the published one of that name."""
+    """The name `base`, with the fields in which the variant differs from the published one."""
     differing = {
         field.name: getattr(variant, field.name)
         for field in dataclasses.fields(Variant)

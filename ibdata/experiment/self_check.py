@@ -1,7 +1,7 @@
 """Small runs with a known result, to check that this machine computes the same bits as all others.
 
-Their states are float64, because float32 would hide a difference in the last bit. They need only machine code
-that every dataset needs.
+Their states are float64, because float32 would hide a difference in the last bit. The runs use only
+the compiled code that every dataset needs.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ def digest(plain: dict[str, Any]) -> bytes:
 
 
 def keeps_denormals(least: float = sys.float_info.min) -> bool:
-    """Whether the processor keeps denormal numbers, which it treats as 0 if a library tells it to."""
+    """Whether the processor keeps denormal numbers. A library can tell it to treat them as 0."""
     return least / 2.0 * 2.0 == least
 
 
 def answer() -> str:
-    """The SHA-256 of all that this process computes of the known runs, and of what it does with denormals."""
+    """The SHA-256 of the results of the known runs in this process, and of its treatment of denormals."""
     return hashlib.sha256(digest(MOVING) + digest(PRINTED) + bytes([keeps_denormals()])).hexdigest()
 
 
-def is_right(answer: str) -> bool:
-    """Whether this is the `answer` of a machine that computes the same bits as all others."""
-    return answer == ANSWER
+def is_right(computed: str) -> bool:
+    """Whether an `answer` is that of all machines that compute the right bits."""
+    return computed == ANSWER

@@ -24,8 +24,8 @@ class SetpointRange(FrozenModel):
 
     def values(self) -> list[float]:
         """The setpoints of the range."""
-        # Exact in the decimals as written: 0.1 · 3 is 0.3, and no setpoint is beyond the stop.
-        start, stop, step = (Fraction(repr(x)) for x in (self.start, self.stop, self.step))
+        # Fractions of the written decimals are exact: 0.1 · 3 is 0.3, and no setpoint exceeds the stop.
+        start, stop, step = (Fraction(repr(number)) for number in (self.start, self.stop, self.step))
         return [float(start + i * step) for i in range(math.floor((stop - start) / step) + 1)]
 
     @model_validator(mode="after")
@@ -78,9 +78,9 @@ Setpoints = Annotated[
 
 
 def repeated(points: list[float]) -> str | None:
-    """What is wrong if a setpoint occurs twice; None otherwise."""
-    twice = next((p for i, p in enumerate(points) if p in points[:i]), None)
-    return None if twice is None else f"found {exact(twice)} twice, expected each setpoint once"
+    """The problem if a setpoint occurs twice; None otherwise."""
+    duplicate = next((point for i, point in enumerate(points) if point in points[:i]), None)
+    return None if duplicate is None else f"found {exact(duplicate)} twice, expected each setpoint once"
 
 
 def setpoint_values(setpoints: Any) -> tuple[list[float], bool]:

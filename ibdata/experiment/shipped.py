@@ -13,7 +13,7 @@ from ibdata.system.configs import shipped as shipped
 
 def shipped_name(path: Path | None) -> str | None:
     """The name of a config that comes with ibdata; None for another file."""
-    return next((name for name, own in shipped().items() if own == path), None)
+    return next((name for name, config in shipped().items() if config == path), None)
 
 
 def suites() -> dict[str, Path]:

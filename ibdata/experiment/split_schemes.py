@@ -13,7 +13,7 @@ from ibdata.numerics.naming import counted, exact
 
 Splits = dict[str, Split]
 FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}
-# Splits that are made together: where some of a group are made, earlier ones of the others do not fit them.
+# Groups of splits that belong together. New splits of a group do not fit older ones of that group.
 TOGETHER = ({"source", "target", "target-rest", "near", "far"}, set(FRACTION_NAMES[3]))
 
 
@@ -30,36 +30,37 @@ def transfer(
     2017 suggest a transfer from p = 50 to p = 75 and give no sizes.
     """
     known = setpoints(spec)
-    for p in [*source, *target]:
-        _refuse_unknown(p, known)
-    both = set(source) & set(target)
-    if both or not source or not target:
-        if not both:
-            raise UsageError(
-                f"split: found no {'target' if source else 'source'}, expected setpoints for both"
-            )
-        found = ", ".join(exact(p) for p in sorted(both))
-        raise UsageError(f"split: found {found} as source and target, expected different setpoints")
-    here, there = sorted(set(source)), sorted(set(target))
-    counts = {e.episodes for e in spec.experiments if any(cell.setpoint in there for cell in e.cells)}
+    for setpoint in [*source, *target]:
+        _refuse_unknown(setpoint, known)
+    if shared := set(source) & set(target):
+        names = ", ".join(exact(setpoint) for setpoint in sorted(shared))
+        raise UsageError(f"split: found {names} as source and target, expected different setpoints")
+    if not source or not target:
+        raise UsageError(f"split: found no {'target' if source else 'source'}, expected setpoints for both")
+    sources, targets = sorted(set(source)), sorted(set(target))
+    counts = {
+        experiment.episodes
+        for experiment in spec.experiments
+        if any(cell.setpoint in targets for cell in experiment.cells)
+    }
     fewest, last = min(counts), max(counts) - 1
-    k = _budget(spec, shots, transitions)
-    if k is not None and k > fewest:
+    budget = _budget(spec, shots, transitions)
+    if budget is not None and budget > fewest:
         raise UsageError(
-            f"split: found a budget of {counted(k, 'episode')}, expected at most {fewest:,}, the "
+            f"split: found a budget of {counted(budget, 'episode')}, expected at most {fewest:,}, the "
             "episodes of each policy at a target setpoint"
         )
-    if k is None or k > last:
-        return {"source": Split(setpoint=here), "target": Split(setpoint=there)}
+    if budget is None or budget > last:
+        return {"source": Split(setpoint=sources), "target": Split(setpoint=targets)}
     return {
-        "source": Split(setpoint=here),
-        "target": Split(setpoint=there, episodes=k),
-        "target-rest": Split(setpoint=there, episodes=EpisodeRange(start=k, stop=last)),
+        "source": Split(setpoint=sources),
+        "target": Split(setpoint=targets, episodes=budget),
+        "target-rest": Split(setpoint=targets, episodes=EpisodeRange(start=budget, stop=last)),
     }
 
 
 def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> int | None:
-    """The number of episodes of a cell in the budget; None for all."""
+    """The number of episodes of each cell that the budget allows; None for all."""
     if shots is not None and transitions is not None:
         raise UsageError("split: found --shots and --transitions, expected one of them")
     if transitions is None:
@@ -84,10 +85,10 @@ def leave_one_out(spec: DatasetSpec) -> Splits:
     if len(known) < 2:
         raise UsageError("split: found one setpoint, expected at least 2 to leave one out")
     folds: Splits = {}
-    for p in known:
-        others = [q for q in known if q != p]
-        folds[f"train-{_named(p)}"] = Split(setpoint=others, overlap=True)
-        folds[f"test-{_named(p)}"] = Split(setpoint=[p], overlap=True)
+    for test in known:
+        train = [setpoint for setpoint in known if setpoint != test]
+        folds[f"train-{_suffix(test)}"] = Split(setpoint=train, overlap=True)
+        folds[f"test-{_suffix(test)}"] = Split(setpoint=[test], overlap=True)
     return folds
 
 
@@ -102,13 +103,15 @@ def extrapolation(spec: DatasetSpec) -> Splits:
 
 
 def _held_out(spec: DatasetSpec, outer: bool) -> Splits:
+    """`train` and `test`; the test has the outer setpoints, or every second inner one."""
     known = setpoints(spec)
     if len(known) < 3:
         raise UsageError(
             f"split: found {counted(len(known), 'setpoint')}, expected at least 3 to hold some out"
         )
     test = [known[0], known[-1]] if outer else known[1:-1:2]
-    return {"train": Split(setpoint=[p for p in known if p not in test]), "test": Split(setpoint=test)}
+    train = [setpoint for setpoint in known if setpoint not in test]
+    return {"train": Split(setpoint=train), "test": Split(setpoint=test)}
 
 
 def distance(spec: DatasetSpec, source: Sequence[float] = (), within: float | None = None) -> Splits:
@@ -116,11 +119,11 @@ def distance(spec: DatasetSpec, source: Sequence[float] = (), within: float | No
     if not source or within is None:
         raise UsageError("split: the scheme distance needs both --source and --within")
     known = setpoints(spec)
-    for p in source:
-        _refuse_unknown(p, known)
-    others = [p for p in known if p not in source]
-    near = [p for p in others if min(abs(p - q) for q in source) <= within]
-    far = sorted({*others} - {*near})
+    for setpoint in source:
+        _refuse_unknown(setpoint, known)
+    candidates = [setpoint for setpoint in known if setpoint not in source]
+    near = [setpoint for setpoint in candidates if min(abs(setpoint - p) for p in source) <= within]
+    far = sorted(set(candidates) - set(near))
     if not near or not far:
         raise UsageError(
             f"split: found {counted(len(near), 'setpoint')} within {exact(within)} of the source and "
@@ -140,8 +143,8 @@ def by_episode(spec: DatasetSpec, fractions: Sequence[float] = (0.8, 0.1, 0.1)) 
     """
     names = FRACTION_NAMES.get(len(fractions))
     if names is None or min(fractions) <= 0 or not math.isclose(sum(fractions), 1.0, abs_tol=1e-9):
-        found = ", ".join(f"{x:.15g}" for x in fractions)
-        raise UsageError(f"split: found fractions {found}, expected 2 or 3 above 0 that sum to 1")
+        numbers = ", ".join(f"{fraction:.15g}" for fraction in fractions)
+        raise UsageError(f"split: found fractions {numbers}, expected 2 or 3 above 0 that sum to 1")
     counts = {experiment.episodes for experiment in spec.experiments}
     if len(counts) > 1:
         raise UsageError("split: found cells of several sizes, expected the same number of episodes in each")
@@ -169,19 +172,21 @@ def setpoints(spec: DatasetSpec) -> list[float]:
     return sorted({cell.setpoint for experiment in spec.experiments for cell in experiment.cells})
 
 
-def _named(p: float) -> str:
-    return exact(p).replace(".", "_")
+def _suffix(setpoint: float) -> str:
+    """The setpoint as the end of a split's name."""
+    return exact(setpoint).replace(".", "_")
 
 
-def _refuse_unknown(p: float, known: Sequence[float]) -> None:
-    if p not in known:
-        name, names = exact(p), [exact(q) for q in known]
+def _refuse_unknown(setpoint: float, known: Sequence[float]) -> None:
+    """Raise UsageError if a dataset lacks a setpoint."""
+    if setpoint not in known:
+        name, names = exact(setpoint), [exact(p) for p in known]
         raise UsageError(
             f"split: found setpoint {name}, expected one of {', '.join(names)}{suggestion(name, names)}"
         )
 
 
-# By scheme, or by the property where that has but one scheme.
+# By the name of the scheme, or of the property if it has only one scheme.
 SCHEMES: Mapping[str, Callable[..., Splits]] = {
     "transfer": transfer,
     "leave-one-out": leave_one_out,

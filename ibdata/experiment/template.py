@@ -56,15 +56,18 @@ def template(name: str) -> str:
 
 
 def write_template(file: str | os.PathLike[str]) -> None:
-    """Write the experiment, named after the file. Raises UsageError if the file exists, or IbdataError."""
+    """Write the template into a new file and name the experiment after the file.
+
+    Raises UsageError if the file exists, and IbdataError if it cannot be written.
+    """
     path = local(file)
     try:
         name = TypeAdapter(FileName).validate_python(path.stem)
     except ValidationError:
         name = "experiment"
     try:
-        with path.open("x", encoding="utf-8") as new:
-            new.write(template(name))
+        with path.open("x", encoding="utf-8") as stream:
+            stream.write(template(name))
     except FileExistsError:
         raise UsageError(f"{path}: exists already; choose another name") from None
     except OSError as error:

@@ -23,7 +23,7 @@ from ruamel.yaml.reader import ReaderError
 
 from ibdata.errors import Loc
 
-MAX_DEPTH = 20  # beyond which Python itself ends, at some depth
+MAX_DEPTH = 20  # far below the depth at which the recursion of Python ends
 
 INT = re.compile(r"[-+]?[0-9]+")
 FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -41,7 +41,7 @@ class StrictYamlError(ValueError):
 
 
 class Document:
-    """Plain data with the places (line, column) of its keys and values by path; both count from 1."""
+    """Plain data with the positions (line, column) of its keys and values, by path. Both count from 1."""
 
     def __init__(self, text: str | bytes) -> None:
         self.keys: dict[Loc, Position] = {}
@@ -53,8 +53,8 @@ class Document:
             self._read()
         except MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
-            place = _place(mark) if mark else (1, 1)
-            raise StrictYamlError(*place, f"not valid YAML: {error.problem or error.context}") from None
+            position = _position(mark) if mark else (1, 1)
+            raise StrictYamlError(*position, f"not valid YAML: {error.problem or error.context}") from None
         except ReaderError as error:
             line = decoded.count("\n", 0, error.position) + 1
             raise StrictYamlError(line, 1, f"not valid YAML: {str(error).splitlines()[0]}") from None
@@ -78,53 +78,56 @@ class Document:
                 documents += 1
                 if documents > 1:
                     raise StrictYamlError(
-                        *_place(event.start_mark),
+                        *_position(event.start_mark),
                         "found a second document, expected a single document; remove what follows ---",
                     )
                 self.data = self._value(next(self._events), ())
 
     def _value(self, event: Event, loc: Loc) -> Any:
         """The value that begins with an event, at a path."""
-        place = _place(event.start_mark)
-        _refuse_more_than_data(event, place)
+        position = _position(event.start_mark)
+        _refuse_more_than_data(event, position)
         if len(loc) >= MAX_DEPTH and not isinstance(event, ScalarEvent):
-            raise StrictYamlError(*place, f"found more than {MAX_DEPTH} levels, expected at most {MAX_DEPTH}")
+            raise StrictYamlError(
+                *position, f"found more than {MAX_DEPTH} levels, expected at most {MAX_DEPTH}"
+            )
         if isinstance(event, ScalarEvent):
             if event.style is None and event.value == "":
-                place = self.keys.get(loc, place)  # for an omitted value, the parser gives the next place
-            self.values[loc] = place
+                # For an omitted value, the parser gives the position of the next token.
+                position = self.keys.get(loc, position)
+            self.values[loc] = position
             return scalar(event.value) if event.style is None else event.value
-        self.values[loc] = place
+        self.values[loc] = position
         return self._list(loc) if isinstance(event, SequenceStartEvent) else self._mapping(loc)
 
     def _list(self, loc: Loc) -> list[Any]:
-        out: list[Any] = []
+        items: list[Any] = []
         while not isinstance(event := next(self._events), CollectionEndEvent):
-            out.append(self._value(event, (*loc, len(out))))
-        return out
+            items.append(self._value(event, (*loc, len(items))))
+        return items
 
     def _mapping(self, loc: Loc) -> dict[str, Any]:
-        out: dict[str, Any] = {}
+        mapping: dict[str, Any] = {}
         while not isinstance(event := next(self._events), CollectionEndEvent):
-            place = _place(event.start_mark)
-            _refuse_more_than_data(event, place)
+            position = _position(event.start_mark)
+            _refuse_more_than_data(event, position)
             if not isinstance(event, ScalarEvent):
-                raise StrictYamlError(*place, "found a list or mapping as a key, expected text")
-            if event.value in out:
-                raise StrictYamlError(*place, f"{event.value}: found twice, expected once")
-            self.keys[(*loc, event.value)] = place
-            out[event.value] = self._value(next(self._events), (*loc, event.value))
-        return out
+                raise StrictYamlError(*position, "found a list or mapping as a key, expected text")
+            if event.value in mapping:
+                raise StrictYamlError(*position, f"{event.value}: found twice, expected once")
+            self.keys[(*loc, event.value)] = position
+            mapping[event.value] = self._value(next(self._events), (*loc, event.value))
+        return mapping
 
 
-def _refuse_more_than_data(event: Event, place: Position) -> None:
-    """StrictYamlError where an event is more than a plain value."""
+def _refuse_more_than_data(event: Event, position: Position) -> None:
+    """Raise StrictYamlError if an event is more than plain data."""
     if isinstance(event, AliasEvent) or getattr(event, "anchor", None):
-        raise StrictYamlError(*place, "found an anchor or alias, expected plain data")
+        raise StrictYamlError(*position, "found an anchor or alias, expected plain data")
     if tag := getattr(event, "tag", None):
-        raise StrictYamlError(*place, f"found the tag {tag}, expected plain data")
+        raise StrictYamlError(*position, f"found the tag {tag}, expected plain data")
     if isinstance(event, ScalarEvent) and event.value == "<<" and event.style is None:
-        raise StrictYamlError(*place, "found a merge key, expected plain data")
+        raise StrictYamlError(*position, "found a merge key, expected plain data")
 
 
 def scalar(text: str) -> bool | int | float | str | None:
@@ -142,11 +145,13 @@ def scalar(text: str) -> bool | int | float | str | None:
     return text
 
 
-def _place(mark: Any) -> Position:
+def _position(mark: Any) -> Position:
+    """Line and column of a mark of the parser."""
     return mark.line + 1, mark.column + 1
 
 
 def _decoded(text: str | bytes) -> str:
+    """The text, decoded from UTF-8."""
     if isinstance(text, str):
         return text
     try:

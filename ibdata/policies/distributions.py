@@ -43,14 +43,17 @@ class Distribution(ABC):
 
     @abstractmethod
     def sample(self, u: Floats) -> npt.NDArray[Any]:
-        """Draw actions (n, 3), not yet clipped and rounded, from numbers u (n, draws) of U(0, 1)."""
+        """Draw actions (n, 3), not yet clipped and rounded, from U(0, 1).
+
+        The numbers u (n, k >= draws) are `observed.uniforms` of this step; a sample takes the first `draws`.
+        """
 
     @abstractmethod
     def log_density(self, action: Float32s) -> Floats:
         """The log density (n,) of actions (n, 3) after clipping and rounding; NaN where none is known."""
 
     def atoms(self, action: Float32s) -> Bools:
-        """Whether there is an atom at each number of actions: (n, 3), by default at ±1."""
+        """Whether each number of actions (n, 3) has a probability of its own: (n, 3), by default at ±1."""
         edges: Bools = np.abs(action) == 1.0
         return edges
 

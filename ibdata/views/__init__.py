@@ -1,5 +1,5 @@
 """Views of the same transitions: what is observed, what is rewarded, and how imperfectly it is measured.
 
 A view is applied on reading a dataset, on exporting it, in the environments and in evaluation. In all of
-them the same numbers are seen, under the same names and in the same order. Nothing on disk changes.
+them, users see the same numbers under the same names and in the same order. Nothing on disk changes.
 """

@@ -26,7 +26,7 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 LEAST = math.ulp(0.0)
-# What is given for a column: the least, the most, and both in words. So nothing that is seen is infinite.
+# The least and the greatest number for a column, and both in words. With these, all measurements are finite.
 KINDS = {
     "delay": (1, 1000, "a whole number of steps, 1 to 1000"),
     "noise": (LEAST, 1e30, "a standard deviation above 0 and at most 1e+30"),
@@ -34,7 +34,9 @@ KINDS = {
     "missing": (LEAST, 1.0, "a probability above 0 and at most 1"),
 }
 NOTHING: Mapping[str, Any] = {}
-ADDRESSED = of_role("observation", "latent", "drift", "derived")  # their places are parts of the addresses
+ADDRESSED = of_role(
+    "observation", "latent", "drift", "derived"
+)  # the index of a variable is part of its addresses
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,8 @@ class Imperfections:
         """The imperfections as users give them; empty if there are none."""
         if not self:
             return {}
-        found = {kind: dict(getattr(self, kind)) for kind in KINDS if getattr(self, kind)}
-        return {**found, "mask": self.mask, "seed": self.seed}
+        columns = {kind: dict(getattr(self, kind)) for kind in KINDS if getattr(self, kind)}
+        return {**columns, "mask": self.mask, "seed": self.seed}
 
     def of(self, columns: tuple[str, ...]) -> Measurement:
         """The measurement of these columns."""
@@ -81,12 +83,13 @@ class Measurement:
     """The imperfections of k columns."""
 
     def __init__(self, imperfections: Imperfections, columns: tuple[str, ...]) -> None:
-        def of(values: Mapping[str, float]) -> Floats:
+        def per_column(values: Mapping[str, float]) -> Floats:
             return np.array([values.get(name, 0.0) for name in columns])
 
-        self.delay = of(imperfections.delay).astype(np.int64)
-        self._noise, self._quantum = of(imperfections.noise), of(imperfections.quantise)
-        self._missing = of(imperfections.missing)
+        self.delay = per_column(imperfections.delay).astype(np.int64)
+        self._noise = per_column(imperfections.noise)
+        self._quantum = per_column(imperfections.quantise)
+        self._missing = per_column(imperfections.missing)
         self._seed = imperfections.seed
         self._slots = np.array([ADDRESSED.index(variable_of(name)) for name in columns])
         self._random = bool(self._noise.any() or self._missing.any())
@@ -94,31 +97,32 @@ class Measurement:
     def episode(self, clean: Float32s, number: int) -> tuple[Float32s, Flags]:
         """Measure the true values (T + 1, k) of an episode with this number.
 
-        Returns what is seen (T + 1, k), and which values did not arrive (T + 1, k).
+        Returns the measured values (T + 1, k), and flags (T + 1, k) of those that did not arrive.
         """
         times = np.arange(len(clean))[:, None]
-        late = np.take_along_axis(clean, np.maximum(times - self.delay, 0), axis=0)
-        arrived, lost = self._measured(late, *self._drawn(np.array([number]), 0, len(clean)))
+        delayed = np.take_along_axis(clean, np.maximum(times - self.delay, 0), axis=0)
+        arrived, lost = self._measure(delayed, *self._draw(np.array([number]), 0, len(clean)))
         lost[0] = False
         latest = np.maximum.accumulate(np.where(lost, 0, times), axis=0)
         return np.take_along_axis(arrived, latest, axis=0), lost
 
-    def step(self, late: Float32s, numbers: npt.NDArray[np.int64], time: int) -> tuple[Float32s, Flags]:
-        """Measure the late true values (n, k) of episodes with these numbers (n,) at one time.
+    def step(self, delayed: Float32s, numbers: npt.NDArray[np.int64], time: int) -> tuple[Float32s, Flags]:
+        """Measure the delayed true values (n, k) of episodes with these numbers (n,) at one time.
 
-        Returns what arrives (n, k), and what does not (n, k), of which the first array holds nothing of use.
+        Returns the values (n, k), and flags (n, k) of those that do not arrive and are of no use.
         """
-        arrived, lost = self._measured(late, *self._drawn(numbers, time, 1))
+        arrived, lost = self._measure(delayed, *self._draw(numbers, time, 1))
         return arrived, lost & (time > 0)
 
-    def _measured(self, late: Float32s, normal: Floats, uniform: Floats) -> tuple[Float32s, Flags]:
-        values = late.astype(np.float64) + self._noise * normal
+    def _measure(self, delayed: Float32s, normal: Floats, uniform: Floats) -> tuple[Float32s, Flags]:
+        """Add noise and round. Returns the values, and flags of those that are missing."""
+        values = delayed.astype(np.float64) + self._noise * normal
         quantum = np.where(self._quantum, self._quantum, 1.0)
         values = np.where(self._quantum, np.rint(values / quantum) * quantum, values) + 0.0
-        lost = np.broadcast_to(uniform < self._missing, late.shape).copy()
+        lost = np.broadcast_to(uniform < self._missing, delayed.shape).copy()
         return values.astype(np.float32), lost
 
-    def _drawn(self, numbers: npt.NDArray[np.int64], time: int, times: int) -> tuple[Floats, Floats]:
+    def _draw(self, numbers: npt.NDArray[np.int64], time: int, times: int) -> tuple[Floats, Floats]:
         """Normal and uniform numbers (times, k) of one episode, or (n, k) of n episodes at one time."""
         if not self._random:
             return np.zeros(1), np.ones(1)
@@ -127,16 +131,18 @@ class Measurement:
 
         keys = np.tile(stream_key(self._seed, b"measurement"), (len(numbers), 1))
         draws = 2 * len(ADDRESSED)
-        u = np.empty((times, len(numbers), draws))
-        uniforms(integers(keys, numbers, Purpose.MEASUREMENT, time, times, slots(draws)), u)
-        table = u.reshape(-1, draws)
+        uniform = np.empty((times, len(numbers), draws))
+        uniforms(integers(keys, numbers, Purpose.MEASUREMENT, time, times, slots(draws)), uniform)
+        table = uniform.reshape(-1, draws)
         return normals_of(table[:, 2 * self._slots]), table[:, 2 * self._slots + 1]
 
 
 def imperfections_of(options: Mapping[str, Any] | None) -> Imperfections:
-    """Check imperfections as users give them. Raises UsageError if they are none."""
+    """Check the imperfections of a user. Raises UsageError if they are not valid."""
     try:
-        return NONE if options is None else _checked(**{str(name): value for name, value in options.items()})
+        if options is None:
+            return NONE
+        return _checked(**{str(name): value for name, value in options.items()})
     except UsageError as error:
         raise UsageError(f"imperfections: {error}") from None
 

@@ -26,10 +26,10 @@ View = Annotated[Mapping[str, Any] | None, "a mapping such as {'observe': 'marko
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """What is seen and rewarded.
+    """The observed columns and the reward of a view.
 
-    A frame is what is seen of one step: the observed columns, then a flag for each column that may be
-    missing, if the flags are asked for, then the action of the step before, if previous actions are.
+    A frame holds the numbers of one step. First come the observed columns. With the option `mask`, a flag
+    follows for each column that may be missing. With `actions`, the action of the step before comes last.
     """
 
     observe: str | tuple[str, ...] = "classic"
@@ -40,11 +40,11 @@ class ViewOptions:
 
     @property
     def is_classic(self) -> bool:
-        """Whether the frames are the six observed variables as they are."""
+        """Whether the frames are the six observed variables, without imperfections and actions."""
         return self.observe in ("classic", OBSERVED) and not self.actions and not self.imperfections
 
     def columns(self, drifting: bool) -> tuple[str, ...]:
-        """The observed columns, of a dataset whose setpoints move or do not."""
+        """The observed columns. They depend on whether the setpoints move."""
         if self.observe == "classic":
             return OBSERVED
         if self.observe == "markov":
@@ -64,7 +64,7 @@ class ViewOptions:
         return (*self.columns(drifting), *flags, *(f"previous_{name}" for name in ACTIONS if self.actions))
 
     def given(self) -> dict[str, Any]:
-        """The options that differ from the plain view's, as JSON data that `view_of` takes."""
+        """The options that differ from those of the plain view, as JSON data for `view_of`."""
         options = {
             "observe": self.observe,
             "actions": self.actions,
@@ -88,7 +88,7 @@ PLAIN = ViewOptions()
 
 
 def view_of(view: View) -> ViewOptions:
-    """Check the argument `view`. Raises UsageError if an option is none of a view, or invalid."""
+    """Check the argument `view`. Raises UsageError if an option is unknown or not valid."""
     return PLAIN if view is None else view_options(**{str(name): value for name, value in view.items()})
 
 
@@ -117,23 +117,23 @@ def view_options(
     """
     if not 0 < reward_scale <= sys.float_info.max:
         raise UsageError(f"reward_scale: found {reward_scale!r}, expected a finite number above 0")
-    given = (
+    options = ViewOptions(
         _observed(observe),
         actions,
         reward_of(reward),
         float(reward_scale),
         imperfections_of(imperfections),
     )
-    options = ViewOptions(*given)
     known = options.columns(drifting=True)
     for name in options.imperfections.columns:
         if name not in known:
-            near = suggestion(name, known)
-            raise UsageError(f"imperfections: found {name!r}, expected one of the observed columns{near}")
+            hint = suggestion(name, known)
+            raise UsageError(f"imperfections: found {name!r}, expected one of the observed columns{hint}")
     return options
 
 
 def _observed(observe: str | Sequence[str]) -> str | tuple[str, ...]:
+    """Check the option `observe`."""
     if isinstance(observe, str) and observe in NAMED:
         return observe
     if isinstance(observe, str):
@@ -143,8 +143,8 @@ def _observed(observe: str | Sequence[str]) -> str | tuple[str, ...]:
         raise UsageError(f"observe: found {observe!r}, expected {EXPECTED}")
     for name in names:
         if name not in COLUMNS:
-            near = suggestion(name, COLUMNS)
-            raise UsageError(f"observe: found {name!r}, expected columns obs_… or latent_…{near}")
+            hint = suggestion(name, COLUMNS)
+            raise UsageError(f"observe: found {name!r}, expected columns obs_… or latent_…{hint}")
     return names
 
 

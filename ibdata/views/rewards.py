@@ -58,28 +58,29 @@ def rounded(rewards: npt.NDArray[Any], scale: float) -> Float32s:
 
 
 def scaled(rewards: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:
-    """Classic rewards times a scale: themselves if it is 1, else rounded from those that a dataset stores."""
+    """Classic rewards times a scale. The scale 1 leaves them as they are; others round float32 rewards."""
     return rewards if scale == 1 else rounded(rewards.astype(np.float32), scale)
 
 
 def reward_of(reward: Any) -> Reward:
-    """Check a reward as users give it. Raises UsageError if it is none."""
+    """Check the reward of a user. Raises UsageError if it is not valid."""
     if isinstance(reward, str) and reward in KINDS:
         return Reward(reward)
     if isinstance(reward, Mapping):
-        return _weights(reward)
-    near = suggestion(reward, KINDS) if isinstance(reward, str) else ""
+        return _weighted(reward)
+    hint = suggestion(reward, KINDS) if isinstance(reward, str) else ""
     expected = "classic, delta or weights such as {consumption: 1, fatigue: 3}"
-    raise UsageError(f"reward: found {reward!r}, expected {expected}{near}")
+    raise UsageError(f"reward: found {reward!r}, expected {expected}{hint}")
 
 
-def _weights(weights: Mapping[Any, Any]) -> Reward:
+def _weighted(weights: Mapping[Any, Any]) -> Reward:
+    """The reward with these weights of the costs."""
     if not weights:
         raise UsageError("reward: found no weight, expected some such as {consumption: 1, fatigue: 3}")
     for name, weight in weights.items():
         if name not in COSTS:
-            near = suggestion(str(name), COSTS)
-            raise UsageError(f"reward: found {name!r}, expected weights of consumption and fatigue{near}")
+            hint = suggestion(str(name), COSTS)
+            raise UsageError(f"reward: found {name!r}, expected weights of consumption and fatigue{hint}")
         if not math.isfinite(weight):
             raise UsageError(f"reward: {name}: found {weight!r}, expected a finite number")
     return Reward("weights", *(float(weights.get(name, 0.0)) for name in COSTS))

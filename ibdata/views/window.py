@@ -1,4 +1,4 @@
-"""The frames that are seen while episodes are simulated: the last ones of n lanes, newest first."""
+"""The latest frames of n lanes while episodes are simulated, newest first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Indices = npt.NDArray[np.int64]
 
 
 class Window:
-    """What n lanes see of their episodes through a view: `history` frames each, the first one repeated."""
+    """The last `history` frames of n lanes through a view. At first, the first frame is repeated."""
 
     def __init__(self, options: ViewOptions, drifting: bool, n: int, history: int) -> None:
         columns = options.columns(drifting)
@@ -20,35 +20,36 @@ class Window:
         self._flagged = [columns.index(name) for name in options.flagged(drifting)]
         self._actions = options.actions
         self._numbers, self._times = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-        most = int(self._measurement.delay.max())
-        self._clean = np.zeros((n, most + 1, len(columns)), dtype=np.float32)  # newest first
+        max_delay = int(self._measurement.delay.max())
+        self._clean = np.zeros((n, max_delay + 1, len(columns)), dtype=np.float32)  # newest first
         self._arrived = np.zeros((n, len(columns)), dtype=np.float32)
         self.frames = np.zeros((n, history, len(options.frame(drifting))), dtype=np.float32)
 
-    def begin(self, which: Indices, clean: Float32s, numbers: Indices) -> None:
-        """Begin episodes with these numbers (k,) in some lanes, whose true values are clean (k, columns)."""
-        self._numbers[which], self._times[which] = numbers, 0
-        self._clean[which] = clean[:, None]
-        actions = np.zeros((len(which), len(ACTIONS)), dtype=np.float32)
-        self.frames[which] = self._frame(which, actions)[:, None]
+    def begin(self, lanes: Indices, clean: Float32s, numbers: Indices) -> None:
+        """Begin episodes with these numbers (k,) and true values `clean` (k, columns) in some lanes."""
+        self._numbers[lanes], self._times[lanes] = numbers, 0
+        self._clean[lanes] = clean[:, None]
+        actions = np.zeros((len(lanes), len(ACTIONS)), dtype=np.float32)
+        self.frames[lanes] = self._frame(lanes, actions)[:, None]
 
-    def push(self, which: Indices, clean: Float32s, actions: Float32s) -> None:
-        """Add the frame after a step of some lanes, to which the actions (k, 3) led."""
-        self._times[which] += 1
-        self._clean[which, 1:] = self._clean[which, :-1]
-        self._clean[which, 0] = clean
-        self.frames[which, 1:] = self.frames[which, :-1]
-        self.frames[which, 0] = self._frame(which, actions)
+    def push(self, lanes: Indices, clean: Float32s, actions: Float32s) -> None:
+        """Add the frame of some lanes after a step with the actions (k, 3)."""
+        self._times[lanes] += 1
+        self._clean[lanes, 1:] = self._clean[lanes, :-1]
+        self._clean[lanes, 0] = clean
+        self.frames[lanes, 1:] = self.frames[lanes, :-1]
+        self.frames[lanes, 0] = self._frame(lanes, actions)
 
-    def _frame(self, which: Indices, actions: Float32s) -> Float32s:
+    def _frame(self, lanes: Indices, actions: Float32s) -> Float32s:
         """The newest frame of some lanes."""
         delay = self._measurement.delay
-        late = self._clean[which[:, None], delay, np.arange(len(delay))]
-        lost = np.zeros(late.shape, dtype=bool)
-        arrived = late
-        for time in np.unique(self._times[which]).tolist():  # lanes at one time are measured together
-            own = np.flatnonzero(self._times[which] == time)
-            arrived[own], lost[own] = self._measurement.step(late[own], self._numbers[which[own]], time)
-        self._arrived[which] = np.where(lost, self._arrived[which], arrived)
-        parts = [self._arrived[which], lost[:, self._flagged], actions[:, : len(ACTIONS) * self._actions]]
+        delayed = self._clean[lanes[:, None], delay, np.arange(len(delay))]
+        lost = np.zeros(delayed.shape, dtype=bool)
+        arrived = delayed
+        for time in np.unique(self._times[lanes]).tolist():  # lanes at one time are measured together
+            rows = np.flatnonzero(self._times[lanes] == time)
+            numbers = self._numbers[lanes[rows]]
+            arrived[rows], lost[rows] = self._measurement.step(delayed[rows], numbers, time)
+        self._arrived[lanes] = np.where(lost, self._arrived[lanes], arrived)
+        parts = [self._arrived[lanes], lost[:, self._flagged], actions[:, : len(ACTIONS) * self._actions]]
         return np.concatenate(parts, axis=1, dtype=np.float32)

@@ -18,7 +18,18 @@ PUBLIC = {
     "ibdata.dataset.windows": ["Windows"],
     "ibdata.views.options": ["view_options"],
     "ibdata.dynamics": ["step", "initial_state", "Variant", "State", "Noise"],
-    "ibdata.policies": ["Policy", "Needs", "Observed", "Decision", "Deterministic", "Wrapper"],
+    "ibdata.policies": [
+        "Policy",
+        "Needs",
+        "Observed",
+        "Decision",
+        "Distribution",
+        "ClippedNormal",
+        "Uniform",
+        "Certain",
+        "Deterministic",
+        "Wrapper",
+    ],
 }
 OTHER_LAGS = [f"latent_theta_{lag}" for lag in range(2, 10)]
 

@@ -129,7 +129,8 @@ def by_model(rows: Rows, target: Target, model: Model) -> float:
     seen = starts(rows).astype(np.float64).reshape(STARTS, HISTORY, 6)
     total = 0.0
     for discount in DISCOUNTS:
-        action = target.act(seen.astype(np.float32), draws.random((STARTS, 3)))
+        mean = target.mean(seen.astype(np.float32))
+        action = drawn(mean, torch.from_numpy(draws.random((STARTS, 3)))).numpy()
         moved = np.clip(seen[:, 0, 1:4] + CHANGES * action, 0.0, 100.0)
         steered = np.concatenate([seen[:, 0, :1], moved], axis=1)
         after = np.concatenate([steered, model(features(seen.reshape(STARTS, -1), steered))], axis=1)

@@ -38,7 +38,7 @@ def far_from_1(weights):
     ("name", "target", "said"),
     [
         ("coloured_noise", "coloured_noise", "policy coloured_noise: found no log density"),
-        ("gaussian", "ornstein_uhlenbeck", "ornstein_uhlenbeck, which remembers its random numbers"),
+        ("gaussian", "ornstein_uhlenbeck", "ornstein_uhlenbeck, which has a memory and random numbers"),
     ],
 )
 def test_densities_that_nobody_knows_are_refused(name, target, said):

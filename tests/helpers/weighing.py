@@ -85,7 +85,7 @@ def supported(data, target):
     try:
         data.ratios(target)
     except UsageError as error:
-        expected = ("expected data of a policy", "found no log density", "remembers its random numbers")
+        expected = ("expected data of a policy", "found no log density", "has a memory and random numbers")
         if not any(said in str(error) for said in expected):
             raise
         return False

@@ -67,9 +67,9 @@ def test_splits_are_configs_of_hugging_face(generated):
     from datasets import get_dataset_config_names, load_dataset
 
     root = str(generated / "data" / "transfer")
-    assert sorted(get_dataset_config_names(root)) == ["default", "source", "target"]
+    assert sorted(get_dataset_config_names(root)) == ["default", "source", "target", "test"]
     dataset = ibdata.open(root)
-    for config in ("source", "target"):
+    for config in ("source", "target", "test"):
         found = load_dataset(root, config, split="train")
         assert len(found) == dataset.splits[config]["rows"]
         expected = dataset.table(["reward"], config)["reward"].to_numpy()
