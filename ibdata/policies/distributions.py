@@ -43,10 +43,7 @@ class Distribution(ABC):
 
     @abstractmethod
     def sample(self, u: Floats) -> npt.NDArray[Any]:
-        """Draw actions (n, 3), not yet clipped and rounded, from U(0, 1).
-
-        The numbers u (n, k >= draws) are `observed.uniforms` of this step; a sample takes the first `draws`.
-        """
+        """Draw actions (n, 3), not yet clipped and rounded, from `observed.uniforms` (n, at least `draws`)."""
 
     @abstractmethod
     def log_density(self, action: Float32s) -> Floats:
