@@ -43,7 +43,7 @@ class Distribution(ABC):
 
     @abstractmethod
     def sample(self, u: Floats) -> npt.NDArray[Any]:
-        """Draw actions (n, 3), not yet clipped and rounded, from `observed.uniforms` (n, at least `draws`)."""
+        """Draw actions (n, 3), not yet clipped and rounded, from `observed.uniforms` (n, k >= `draws`)."""
 
     @abstractmethod
     def log_density(self, action: Float32s) -> Floats:
