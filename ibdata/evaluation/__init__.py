@@ -55,7 +55,7 @@ def evaluate(
             `act(history, u)` or `predict(observations)`, a `torch.nn.Module`, or any other callable. Modules
             and callables are called as `predict` is: on float32 observations (n, 6 · history), newest first,
             for actions (n, 3). Modules get a tensor, in evaluation mode and without gradients. An object may
-            remember and draw as a custom policy may (docs/policies.md).
+            remember and draw as a custom policy may (docs/custom-policies.md).
         setpoint: one or several numbers, by default 70; "drifting", or {"drifting": [50, 70]} for
             the values at the start.
         steps: steps per episode.

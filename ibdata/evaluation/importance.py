@@ -116,8 +116,8 @@ def importance(
 
     Args:
         ds: the dataset, or its folder or URL.
-        target: the policy to be evaluated: a kind, a block, a file, a `Policy`, or an object with
-            `log_density`, as in `evaluate`.
+        target: the policy to be evaluated, as in `evaluate`; an object states its density by returning a
+            `Distribution` from `decide` (docs/custom-policies.md).
         discount: the discount factor γ, in [0, 1].
         steps: only so many first steps of each episode; by default all.
         split: only episodes of this split.

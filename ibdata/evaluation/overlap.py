@@ -191,4 +191,8 @@ def _densities(answers: Floats) -> _Densities:
 
 def _refuse_unknown(label: str, log_density: Floats) -> None:
     if np.isnan(log_density).any():
-        raise UsageError(f"policy {label}: found no log density, expected a policy with a known density")
+        raise UsageError(
+            f"policy {label}: found no log density, expected a policy with one; yours has one if decide "
+            "returns a distribution, such as Decision(ClippedNormal(mean, sd), memory); see "
+            "docs/custom-policies.md"
+        )
