@@ -111,8 +111,8 @@ def importance(
     The densities of the behaviour, β, are the `action_log_prob` of the data, whose policies must be able to
     take every action of the target, and often enough for data of this size. That is tried: the target draws
     an action at each recorded observation, and the densities and point masses of both are compared there. The
-    density of the target, π, is that given
-    the recorded observations, actions and what it remembers of them.
+    density of the target, π, is that of the recorded action, given the recorded observations and actions, and
+    what the target remembers of them.
 
     Args:
         ds: the dataset, or its folder or URL.

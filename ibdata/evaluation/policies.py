@@ -17,7 +17,7 @@ from ibdata.numerics.naming import unequal
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
 from ibdata.policies.base import FrozenModel, refuse_density
 from ibdata.policies.code import two_places
-from ibdata.policies.custom import TARGET, is_live
+from ibdata.policies.custom import TARGET, Custom, is_live
 from ibdata.policies.purity import refuse_impure
 from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_needs
 from ibdata.policies.weights_file import SUFFIX
@@ -40,9 +40,7 @@ def policies_of(
     given = [(label, policy_of(policy, common, allow_code)) for label, policy in _labelled(given)]
     labels = unequal(label or policy.label for label, policy in given)
     policies = dict(zip(labels, (policy for _, policy in given), strict=True))
-    taking = [  # the labels of policies without a number of observations of their own
-        label for label, policy in policies.items() if is_live(policy) and not has_needs(policy.adapted)
-    ]
+    taking = [label for label, policy in policies.items() if takes_history(policy)]
     for label in taking:
         length = lengths.get(label, policies[label].history)
         policies[label] = policies[label].model_copy(update={"history": length})
@@ -54,12 +52,18 @@ def policies_of(
 
 
 def refuse_unused(history: int, policies: Iterable[Policy]) -> None:
-    """Raise UsageError for a number of observations where no object is among the policies."""
-    if history != 1 and not any(map(is_live, policies)):
+    """Raise UsageError for a number of observations that none of the policies takes."""
+    if history != 1 and not any(map(takes_history, policies)):
         raise UsageError(
             f"history: found {history}, but no object that could see so many observations: policies of "
-            "ibdata set their own number; leave it out, or give a function, a module or an object"
+            "ibdata and objects with `needs` set their own number; leave it out, or give a function, a "
+            "module or another object"
         )
+
+
+def takes_history(policy: Policy) -> bool:
+    """Whether a policy is an object without a number of observations of its own."""
+    return isinstance(policy, Custom) and policy.is_live and not has_needs(policy.adapted)
 
 
 def _labelled(given: Any) -> Iterator[tuple[str | None, Any]]:

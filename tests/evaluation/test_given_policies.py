@@ -10,9 +10,19 @@ from helpers.watching import Watching
 import ibdata
 from ibdata import evaluate
 from ibdata.errors import ConfigError, UsageError
-from ibdata.policies import Needs
+from ibdata.policies import Certain, Decision, Needs
 from ibdata.views.imperfections import imperfections_of
 from ibdata.views.options import OBSERVED
+
+
+class SeesThree:
+    """An object that says itself how many observations it sees."""
+
+    needs = Needs(history=3)
+
+    def decide(self, observed):
+        return Decision(Certain(np.zeros((len(observed.observations), 3))), observed.memory)
+
 
 REFUSED = [
     ({"setpoint": 101}, "setpoint: found 101, expected a number of at most 100"),
@@ -21,6 +31,7 @@ REFUSED = [
     ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
     ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
     ({"history": 2, "policy": ["optimized"]}, "history: found 2, but no object that could see so many"),
+    ({"history": 2, "policy": SeesThree()}, "history: found 2, but no object that could see so many"),
     ({"history": {"x": 2}, "policy": {"y": len}}, "history: found 'x', expected one of y: any other policy"),
     ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
     ({"policy": {"mine": 3}}, "policy: found 3, expected an object with decide(observed), act(history,"),
