@@ -125,7 +125,9 @@ class Checked(NamedTuple):
             if isinstance(distribution, Certain) and log_density is not None:
                 log_density[:] = 0.0  # of an action that it is certain of
             elif log_density is not None:
-                log_density[:] = numbers(distribution.log_density(out), log_density.shape, "log densities")
+                kept = out.view()
+                kept.flags.writeable = False  # these actions are simulated and stored
+                log_density[:] = numbers(distribution.log_density(kept), log_density.shape, "log densities")
         except BaseException as error:
             raise self._located(error, observed) from error
         return clipped, memory

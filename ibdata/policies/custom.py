@@ -101,7 +101,7 @@ class Custom(UserObject):
         if can_act(target):
             holder, run, needs = Held(target), token_hex(16), needs_of(target, 1)
             _held_by_run[run] = holder
-            name = re.sub(r"\W", "_", getattr(target, "__name__", type(target).__name__))
+            name = re.sub("[^A-Za-z0-9_]", "_", getattr(target, "__name__", type(target).__name__))
             own_needs = {"history": max(1, needs.history), "uniforms": needs.step_draws}
             data = {**own_needs, **data, "target": LIVE + name, "params": {"run": run}}
         policy = handler(data)

@@ -75,13 +75,15 @@ def unroll(
     policy = Checked(episodes.policy, episodes.label, episodes.number)
     taken = 0 if recorded is None else len(recorded)
     record = np.empty((len(rows), min(BLOCK, steps) + 1, n))
+    parts = episodes.policy.everywhere()
+    remembers = needs.memory > 0 or any(getattr(part, "remembers", False) for part in parts)
     actions, chosen = np.empty((2, min(BLOCK, steps), n, 3), dtype=np.float32)
     log_density = np.zeros(actions.shape[:2])
     record[:, 0] = carry.state.values[rows] + 0.0
     for first, stop in pairwise(sorted({*range(0, steps, BLOCK), steps, *stops, min(taken, steps)})):
         count, clipped = stop - first, 0
         is_recorded = first < taken
-        is_asked = not is_recorded or needs.memory > 0
+        is_asked = not is_recorded or remembers
         span = count if not is_asked else asked_together(episodes, count)
         if recorded is not None and is_recorded:
             actions[:count] = recorded[first:stop]

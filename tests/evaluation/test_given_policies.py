@@ -9,8 +9,8 @@ from helpers.watching import Watching
 
 import ibdata
 from ibdata import evaluate
-from ibdata.errors import ConfigError, UsageError
-from ibdata.policies import Certain, Decision, Needs
+from ibdata.errors import ConfigError, PolicyError, UsageError
+from ibdata.policies import Certain, Decision, Needs, Uniform
 from ibdata.views.imperfections import imperfections_of
 from ibdata.views.options import OBSERVED
 
@@ -199,3 +199,41 @@ def test_a_view_that_nobody_could_see_is_refused():
 def test_an_objects_view_leaves_other_policies_alone():
     both = ibdata.evaluate([Watcher(), "optimized"], **ALIKE, view={"observe": ["obs_gain"]})
     assert both.returns[1].tolist() == ibdata.evaluate("optimized", **ALIKE).returns[0].tolist()
+
+
+def test_an_object_that_remembers_sees_the_step_of_a_given_first_action(tmp_path):
+    class Counting:
+        def reset(self):
+            self.step = 0
+
+        def predict(self, seen):
+            self.step += 1
+            return np.zeros((len(seen), 3))
+
+    config = {"name": "few", "setpoints": 50, "policies": ["random"], "steps": 5}
+    made = ibdata.generate(config, out=tmp_path / "few")
+    values = ibdata.true_values(made, (0, 0), Counting(), actions=[[0, 0, 0]], steps=5)
+    assert np.isfinite(values.results[0].value)
+
+
+def test_a_function_may_have_any_name():
+    def políticä(seen):
+        return np.zeros((len(seen), 3))
+
+    assert evaluate(políticä, episodes=2, steps=5).results[0].policy == "pol-tic"
+
+
+def test_a_density_cannot_change_the_actions_that_are_stored(tmp_path):
+    class Changing(Uniform):
+        def log_density(self, action):
+            action[:] = 0.25
+            return np.zeros(len(action))
+
+    class Noisy:
+        needs = Needs(step_draws=3)
+
+        def decide(self, observed):
+            return Decision(Changing(), observed.memory)
+
+    with pytest.raises(PolicyError, match="read-only"):
+        ibdata.generate({"name": "x", "setpoints": 50, "policies": [Noisy()], "steps": 5}, out=tmp_path / "x")
