@@ -13,11 +13,12 @@ from ibdata.evaluation.policies import loaded, notes_on
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.numerics.random import stream_key
 from ibdata.policies import POLICIES, Observed, Policy
+from ibdata.policies.actions import read_only
 from ibdata.policies.custom import is_live, without_runs
 from ibdata.policies.user_object import UserObject, clipping_notes
 from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Episodes, Ints
-from ibdata.simulation.unroll import LANES, Block, read_only, unroll
+from ibdata.simulation.unroll import LANES, Block, unroll
 from ibdata.simulation.variables import observed_rows, record_rows, values_of
 from ibdata.system.progress import Advance, unseen
 from ibdata.views.options import PLAIN, ViewOptions

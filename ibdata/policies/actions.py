@@ -63,3 +63,10 @@ def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
     out = np.empty(numbers.shape, dtype=np.float32)
     clip_and_round(numbers, out)
     return out
+
+
+def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same array, which cannot be changed through it."""
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import IbdataError, PolicyError, excerpt
-from ibdata.policies.actions import WHOLE, clip_and_round, is_discrete, of_discrete
+from ibdata.policies.actions import WHOLE, clip_and_round, is_discrete, of_discrete, read_only
 from ibdata.policies.base import Float32s, Floats, Observed, Policy, is_deterministic
 from ibdata.policies.code import error_line
 from ibdata.policies.distributions import Certain, Distribution, Unknown
@@ -125,9 +125,8 @@ class Checked(NamedTuple):
             if isinstance(distribution, Certain) and log_density is not None:
                 log_density[:] = 0.0  # of an action that it is certain of
             elif log_density is not None:
-                kept = out.view()
-                kept.flags.writeable = False  # these actions are simulated and stored
-                log_density[:] = numbers(distribution.log_density(kept), log_density.shape, "log densities")
+                density = distribution.log_density(read_only(out))
+                log_density[:] = numbers(density, log_density.shape, "log densities")
         except BaseException as error:
             raise self._located(error, observed) from error
         return clipped, memory

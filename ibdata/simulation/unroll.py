@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ibdata.numerics.random import Purpose
 from ibdata.policies import Observed
+from ibdata.policies.actions import read_only
 from ibdata.policies.checked import Checked
 from ibdata.simulation.carry import Carry
 from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
@@ -131,10 +131,3 @@ def asked_together(episodes: Episodes, count: int) -> int:
     """How many of some steps the policy is asked about at once."""
     needs = episodes.policy.needs
     return count if needs.history == needs.memory == 0 else 1
-
-
-def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """The same array, which cannot be changed through it."""
-    view = array.view()
-    view.flags.writeable = False
-    return view
