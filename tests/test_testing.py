@@ -187,11 +187,21 @@ def surprised(self, action):
     return TwoSides.log_density(self, action)
 
 
+def unknown_elsewhere(self, action):
+    """Right at the actions that are drawn, NaN where nobody would look."""
+    return np.where((np.abs(action) == 0.5).all(axis=1), np.log(0.5), np.nan)
+
+
 DENSITIES = [
     (Coin, lambda self, action: np.full(len(action), -np.inf), "finite at the policy's own actions"),
-    (Coin, lambda self, action: np.where(action[:, 0] == 0.5, -0.7, np.inf), "must be finite at the"),
-    (Coin, lambda self, action: TwoSides.log_density(self, action).astype(np.float32), "return float64"),
+    (Coin, lambda self, action: np.where(action[:, 0] == 0.5, -0.7, np.inf), "the log density inf at"),
+    (
+        Coin,
+        lambda self, action: TwoSides.log_density(self, action)[:, None],
+        r"log densities of shape .256, 1.",
+    ),
     (Coin, lambda self, action: TwoSides.log_density(self, action) - 0.2, "the probability 0.4094, but its"),
+    (Coin, unknown_elsewhere, "expected a number below inf"),
     (Stubborn, surprised, "the probability 0.5000, but its share of 20000 draws was 1.0000"),
 ]
 
@@ -199,7 +209,7 @@ DENSITIES = [
 @pytest.mark.parametrize(("base", "density", "message"), DENSITIES)
 def test_a_wrong_density_is_said(base, density, message):
     sides = type("Wrong", (base.sides,), {"log_density": density})
-    with pytest.raises(AssertionError, match=message):
+    with pytest.raises((AssertionError, PolicyError), match=message):
         check_policy(faulty(base, sides=sides))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +13,11 @@ from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import PART_ROWS, episodes_of
 from ibdata.numerics.random import Purpose
-from ibdata.policies import Observed, Policy
+from ibdata.policies import Policy
 from ibdata.policies.actions import applied
 from ibdata.policies.distributions import Distribution
 from ibdata.simulation.episodes import Float32s, Floats, Ints, draw_uniforms
-from ibdata.simulation.replay import Rows, replay
+from ibdata.simulation.replay import replay
 
 Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
@@ -161,32 +161,28 @@ def _of_target(
     draws, purpose = target.needs.step_draws, Purpose.TRIAL
     uniforms = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, steps, draws).swapaxes(0, 1)
 
-    def question(distribution: Distribution, _: Observed, rows: Rows) -> Floats:
-        drawn = applied(distribution.sample(rows(uniforms)))
-        return np.column_stack([_asked(distribution, rows(recorded.actions), drawn), drawn])
+    def densities_and_draws(distribution: Distribution, actions: Float32s, u: Floats) -> tuple[Any, ...]:
+        drawn = applied(distribution.sample(u))
+        return *_densities(distribution, actions, drawn), drawn
 
-    answers = replay(episodes, *recorded, question)
-    return _densities(answers), answers[..., 8:].astype(np.float32)
+    *densities, drawn = replay(episodes, *recorded, densities_and_draws, recorded.actions, uniforms)
+    return _Densities(*densities), drawn
 
 
 def _of_behaviour(experiment: Experiment, numbers: Ints, recorded: Recorded, drawn: Float32s) -> _Densities:
     """What the behaviour says of recorded actions, and of those that the target draws."""
-
-    def question(distribution: Distribution, _: Observed, rows: Rows) -> Floats:
-        return _asked(distribution, rows(recorded.actions), rows(drawn))
-
-    return _densities(replay(episodes_of(experiment, numbers), *recorded, question))
+    episodes = episodes_of(experiment, numbers)
+    return _Densities(*replay(episodes, *recorded, _densities, recorded.actions, drawn))
 
 
-def _asked(distribution: Distribution, recorded: Float32s, drawn: Float32s) -> Floats:
-    """Densities and point masses as numbers (n, 8), which `_densities` takes apart."""
-    answers = [(distribution.log_density(x), distribution.atoms(x)) for x in (recorded, drawn)]
-    return np.column_stack([part for answer in answers for part in answer])
-
-
-def _densities(answers: Floats) -> _Densities:
-    atoms, drawn_atoms = answers[..., 1:4] > 0.0, answers[..., 5:8] > 0.0
-    return _Densities(answers[..., 0], atoms, answers[..., 4], drawn_atoms)
+def _densities(distribution: Distribution, recorded: Float32s, drawn: Float32s) -> _Densities:
+    """What a distribution says of recorded and drawn actions."""
+    return _Densities(
+        distribution.log_density(recorded),
+        distribution.atoms(recorded),
+        distribution.log_density(drawn),
+        distribution.atoms(drawn),
+    )
 
 
 def _refuse_unknown(label: str, log_density: Floats) -> None:

@@ -6,10 +6,9 @@ import numpy as np
 
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.rollout import blocks, episodes_of
-from ibdata.policies import Observed
 from ibdata.policies.distributions import Distribution
 from ibdata.simulation.episodes import Float32s, Floats, Ints
-from ibdata.simulation.replay import Rows, replay
+from ibdata.simulation.replay import replay
 
 
 def log_densities(
@@ -38,7 +37,8 @@ def _block_densities(
     """The log densities (n, steps) of the actions of the episodes of a block."""
     episodes = episodes_of(experiment, numbers)
 
-    def density(distribution: Distribution, _: Observed, rows: Rows) -> Floats:
-        return distribution.log_density(rows(actions))
+    def log_density(distribution: Distribution, actions: Float32s) -> tuple[Floats]:
+        return (distribution.log_density(actions),)
 
-    return replay(episodes, observations, actions, density)
+    [densities] = replay(episodes, observations, actions, log_density, actions)
+    return densities

@@ -1,10 +1,11 @@
-"""What a policy returns, checked: actions, memory and log densities."""
+"""What a policy answers, checked: its actions, its memory and what its distributions say."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +14,10 @@ from ibdata.errors import IbdataError, PolicyError, excerpt
 from ibdata.policies.actions import WHOLE, clip_and_round, is_discrete, of_discrete, read_only
 from ibdata.policies.base import Float32s, Floats, Observed, Policy, is_deterministic
 from ibdata.policies.code import error_line
-from ibdata.policies.distributions import Certain, Distribution, Unknown
+from ibdata.policies.distributions import Bools, Certain, Distribution, Unknown
 
 Ints = npt.NDArray[np.int64]
+T = TypeVar("T")
 
 
 class AnswerError(Exception):
@@ -71,8 +73,36 @@ def numbers(answer: Any, shape: tuple[int, ...], what: str) -> Floats:
 def decision(answer: Any) -> tuple[Any, Any]:
     """The two parts of a `Decision`. Raises AnswerError if the answer is none."""
     if not (isinstance(answer, tuple) and len(answer) == 2):
-        raise AnswerError(f"found {type(answer).__name__}, expected a Decision of actions and memory")
+        expected = "a Decision of a distribution or actions, and memory"
+        raise AnswerError(f"found {type(answer).__name__}, expected {expected}")
     return answer
+
+
+class OfUser(Distribution):
+    """A distribution of a user's class, whose answers are checked. It cannot change the actions it is given.
+
+    All methods raise AnswerError for what is no answer; errors of the user's code are passed on.
+    """
+
+    def __init__(self, distribution: Distribution) -> None:
+        self.distribution, self.draws = distribution, distribution.draws
+
+    def sample(self, u: Floats) -> Floats:
+        actions = self.distribution.sample(np.ascontiguousarray(u[:, : self.draws]))
+        return numbers(actions, (len(u), 3), "actions")
+
+    def log_density(self, action: Float32s) -> Floats:
+        density = numbers(self.distribution.log_density(read_only(action)), action.shape[:1], "log densities")
+        if (density == np.inf).any():
+            raise AnswerError(f"found the log density inf at {action[density == np.inf][0]}, expected less")
+        return density
+
+    def atoms(self, action: Float32s) -> Bools:
+        atoms = np.asarray(self.distribution.atoms(read_only(action)))
+        if atoms.dtype != np.bool_ or atoms.shape != action.shape:
+            found, expected = f"atoms of {atoms.dtype} and shape {atoms.shape}", f"bool and {action.shape}"
+            raise AnswerError(f"found {found}, expected {expected}")
+        return atoms
 
 
 def distribution_of(policy: Policy, observed: Observed) -> tuple[Distribution, Any]:
@@ -91,7 +121,8 @@ def distribution_of(policy: Policy, observed: Observed) -> tuple[Distribution, A
             f"found a {type(action).__name__} and needs.step_draws {observed.uniforms.shape[1]}, expected at "
             f"least {action.draws}, the random numbers that it takes"
         )
-    return action, memory
+    is_own = type(action).__module__.startswith("ibdata.")
+    return (action if is_own else OfUser(action)), memory
 
 
 class Checked(NamedTuple):
@@ -114,8 +145,8 @@ class Checked(NamedTuple):
         Raises:
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
-        distribution, memory = self.distribution(observed)
         try:
+            distribution, memory = self.distribution(observed)
             proposed = numbers(distribution.sample(observed.uniforms), out.shape, "actions")
             clipped = int(clip_and_round(proposed, out))
             if clipped < 0:
@@ -125,26 +156,32 @@ class Checked(NamedTuple):
             if isinstance(distribution, Certain) and log_density is not None:
                 log_density[:] = 0.0  # of an action that it is certain of
             elif log_density is not None:
-                density = distribution.log_density(read_only(out))
-                log_density[:] = numbers(density, log_density.shape, "log densities")
+                log_density[:] = distribution.log_density(out)
+        except (IbdataError, KeyboardInterrupt):
+            raise
         except BaseException as error:
             raise self._located(error, observed) from error
         return clipped, memory
 
-    def distribution(self, observed: Observed) -> tuple[Distribution, Floats]:
-        """The distribution of the policy's action, and the memory (n, memory). Raises PolicyError."""
+    def answer(self, observed: Observed, question: Callable[[Distribution], T]) -> tuple[T, Floats]:
+        """The answer to a question about the policy's distribution, and the memory. Raises PolicyError."""
         try:
-            distribution, memory = distribution_of(self.policy, observed)
-            if not observed.memory.size:
-                return distribution, observed.memory
-            return distribution, numbers(memory, observed.memory.shape, "memory")
+            distribution, memory = self.distribution(observed)
+            return question(distribution), memory
+        except (IbdataError, KeyboardInterrupt):
+            raise
         except BaseException as error:
             raise self._located(error, observed) from error
 
-    def _located(self, error: BaseException, observed: Observed) -> BaseException:
+    def distribution(self, observed: Observed) -> tuple[Distribution, Floats]:
+        """The distribution of the policy's action, and the memory (n, memory). Raises what goes wrong."""
+        distribution, memory = distribution_of(self.policy, observed)
+        if not observed.memory.size:
+            return distribution, observed.memory
+        return distribution, numbers(memory, observed.memory.shape, "memory")
+
+    def _located(self, error: BaseException, observed: Observed) -> PolicyError:
         """An error of the policy, which must not end the run, as one line with its place."""
-        if isinstance(error, IbdataError | KeyboardInterrupt):
-            return error
         line = str(error) if isinstance(error, AnswerError) else error_line(error)
         return PolicyError(f"{self._place(observed)}: {line}")
 

@@ -28,7 +28,7 @@ from ibdata.policies.base import (
     is_deterministic,
 )
 from ibdata.policies.checked import distribution_of
-from ibdata.policies.distributions import ByRow, Distribution, Mixture, Rows, Uniform
+from ibdata.policies.distributions import ByRow, Distribution, Group, Mixture, Uniform
 
 if TYPE_CHECKING:
     from ibdata.policies import AnyBase, AnyPolicy
@@ -136,7 +136,7 @@ class EpsilonGreedy(Wrapper):
         return Decision(Mixture(epsilon, base, Uniform(), first=self.base.needs.step_draws), memory)
 
 
-Chosen = npt.NDArray[np.int64]
+Numbers = npt.NDArray[np.int64]
 
 
 class Choice(Policy):
@@ -147,7 +147,7 @@ class Choice(Policy):
     """
 
     @abstractmethod
-    def chosen(self, observed: Observed) -> Chosen:
+    def chosen(self, observed: Observed) -> Numbers:
         """The number of the policy that acts in each episode, (n,)."""
 
     def began(self, observed: Observed) -> Steps:
@@ -175,11 +175,11 @@ class Choice(Policy):
         for policy, episodes, part in self._parts(observed):
             distribution, remembered = distribution_of(policy, part)
             memory[episodes, : part.memory.shape[1]] = remembered
-            groups.append(Rows(episodes, distribution, policy.needs.step_draws))
+            groups.append(Group(episodes, distribution, policy.needs.step_draws))
         return Decision(ByRow(groups, self.needs.step_draws), memory)
 
     def _parts(self, observed: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
-        """Yield each policy that acts in some episodes, the numbers of these, and what it is observed."""
+        """Yield each policy that acts in some episodes, their numbers, and what it is given."""
         which, step = self.chosen(observed), observed.step - self.began(observed)
         begun = observed._replace(step=step, memory=np.where(step[:, None] == 0, 0.0, observed.memory))
         first = self.own_needs.episode_draws
@@ -224,14 +224,14 @@ class PolicyMixture(Choice):
         """The kinds of the policies; of equal ones, the later get -2, -3, …"""
         return unequal([base.kind for base in self.bases])
 
-    def member(self, u: Floats) -> Chosen:
+    def member(self, u: Floats) -> Numbers:
         """The numbers (n,) of the policies that are drawn for episodes by their first random numbers (n,)."""
         weights = self.weights or [1.0] * len(self.bases)
         total = math.fsum(weights)
         bounds = [part / total for part in accumulate(weights)][:-1]
         return np.searchsorted(bounds, u, side="right").astype(np.int64)
 
-    def chosen(self, observed: Observed) -> Chosen:
+    def chosen(self, observed: Observed) -> Numbers:
         return self.member(observed.episode_uniforms[:, 0])
 
     @model_validator(mode="after")
@@ -289,7 +289,7 @@ class Schedule(Choice):
         """If actions are replaced, four draws: one that decides, three for the action."""
         return Needs(history=0, step_draws=4 * self.explores)
 
-    def chosen(self, observed: Observed) -> Chosen:
+    def chosen(self, observed: Observed) -> Numbers:
         return np.searchsorted(self._starts[1:], observed.step, side="right").astype(np.int64)
 
     def began(self, observed: Observed) -> Steps:

@@ -59,8 +59,8 @@ class Distribution(ABC):
         return np.asarray(self.atoms(action).all(axis=1))
 
 
-class Chosen(Distribution):
-    """Actions that a policy has chosen already."""
+class Plain(Distribution):
+    """Actions that a policy returned itself, not yet clipped and rounded."""
 
     def __init__(self, actions: npt.NDArray[Any]) -> None:
         self.actions = actions  # (n, 3)
@@ -69,7 +69,7 @@ class Chosen(Distribution):
         return self.actions
 
 
-class Certain(Chosen):
+class Certain(Plain):
     """Actions of which a policy is certain: each has the probability 1.
 
     >>> same = Certain(np.array([[0.5, 0.0, -2.0]]))
@@ -83,6 +83,7 @@ class Certain(Chosen):
         return applied(self.actions)
 
     def log_density(self, action: Float32s) -> Floats:
+        _refuse_other_shape(self.applied.shape, action.shape, "certain actions")
         return log_certain(self.applied, action)
 
     def atoms(self, action: Float32s) -> Bools:
@@ -92,7 +93,7 @@ class Certain(Chosen):
         return np.asarray(self.log_density(action) == 0.0)
 
 
-class Unknown(Chosen):
+class Unknown(Plain):
     """Actions that were drawn from a distribution that nobody states."""
 
     def log_density(self, action: Float32s) -> Floats:
@@ -125,7 +126,10 @@ class ClippedNormal(Distribution):
 
     Args:
         mean: (n, 3).
-        sd: The standard deviation: a number, or an array that is broadcast to (n, 3).
+        sd: The standard deviation, above 0: a number, or an array that is broadcast to (n, 3).
+
+    Raises:
+        ValueError: mean or sd has another shape, or a standard deviation is not above 0.
 
     >>> normal = ClippedNormal(np.zeros((1, 3)), 1.0)
     >>> normal.sample(np.full((1, 3), 0.5)).tolist()
@@ -137,13 +141,18 @@ class ClippedNormal(Distribution):
     draws = 3
 
     def __init__(self, mean: npt.ArrayLike, sd: npt.ArrayLike) -> None:
-        self.mean = np.ascontiguousarray(mean, dtype=np.float64)
-        self.sd = np.ascontiguousarray(np.broadcast_to(np.asarray(sd, dtype=np.float64), self.mean.shape))
+        self.mean, sd = np.ascontiguousarray(mean, dtype=np.float64), np.asarray(sd, dtype=np.float64)
+        _refuse_other_shape(self.mean.shape, (len(self.mean), 3), "means")
+        if not sd.min() > 0.0:
+            raise ValueError(f"found the standard deviation {sd.min()}, expected a number above 0")
+        self.sd = np.ascontiguousarray(np.broadcast_to(sd, self.mean.shape))
 
     def sample(self, u: Floats) -> Floats:
+        _refuse_other_shape(self.mean.shape, (len(u), 3), "means")
         return _normal(self.mean, self.sd, np.ascontiguousarray(u[:, :3]))
 
     def log_density(self, action: Float32s) -> Floats:
+        _refuse_other_shape(self.mean.shape, action.shape, "means")
         return _log_clipped_normal(self.mean, self.sd, action)
 
 
@@ -198,8 +207,8 @@ class Mixture(Distribution):
         return self.other.certain(action) & (self.share > 0.0)
 
 
-class Rows(NamedTuple):
-    """The distribution in some of n episodes."""
+class Group(NamedTuple):
+    """Some of n episodes, and the distribution in them."""
 
     episodes: npt.NDArray[np.intp]
     distribution: Distribution
@@ -209,7 +218,7 @@ class Rows(NamedTuple):
 class ByRow(Distribution):
     """Another distribution in each of several groups of episodes. Their actions are clipped and rounded."""
 
-    def __init__(self, groups: Sequence[Rows], draws: int) -> None:
+    def __init__(self, groups: Sequence[Group], draws: int) -> None:
         self.groups, self.draws = groups, draws
 
     def sample(self, u: Floats) -> Float32s:
@@ -231,9 +240,15 @@ class ByRow(Distribution):
         return out
 
 
+def _refuse_other_shape(shape: tuple[int, ...], expected: tuple[int, ...], what: str) -> None:
+    """Raise ValueError before compiled code reads beyond an array."""
+    if shape != expected:
+        raise ValueError(f"found {what} of shape {shape}, expected {expected}")
+
+
 @compiled
 def log_certain(certain: Float32s, action: Float32s) -> Floats:
-    """The log probabilities (n,) of actions (n, 3) where certain ones are taken."""
+    """The log probabilities (n,) of actions (n, 3) under a policy that takes certain ones."""
     out = np.empty(action.shape[0])
     for i in range(action.shape[0]):
         same = True

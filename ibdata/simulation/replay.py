@@ -17,16 +17,18 @@ from ibdata.simulation.carry import begin
 from ibdata.simulation.episodes import Episodes, Float32s
 from ibdata.simulation.unroll import BLOCK, observed
 
-# Arrays (n, steps, …) of the episodes -> the rows (m, …) that a question is about.
-Rows = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
-# The distribution of the policy's actions in some rows, and what it was given there -> an answer (m, …).
-Question = Callable[[Distribution, Observed, Rows], npt.NDArray[Any]]
+# The distribution of the policy's actions in some rows, and arrays of these rows -> answers (rows, …).
+Question = Callable[..., tuple[npt.NDArray[Any], ...]]
 
 
 def replay(
-    episodes: Episodes, observations: Float32s, actions: Float32s, question: Question
-) -> npt.NDArray[Any]:
-    """The answers (n, steps, …) to a question about a policy's distribution in each row of recorded episodes.
+    episodes: Episodes,
+    observations: Float32s,
+    actions: Float32s,
+    question: Question,
+    *arrays: npt.NDArray[Any],
+) -> tuple[npt.NDArray[Any], ...]:
+    """The answers to a question about a policy's distribution in each row of recorded episodes.
 
     What a policy remembers is not recorded: it is computed again, step by step, from the observations, the
     actions and the random numbers at its addresses. Nothing is simulated but the burn-in. A policy that
@@ -37,6 +39,10 @@ def replay(
         observations: the recorded observations (n, steps, 6).
         actions: the recorded actions (n, steps, 3).
         question: what is asked, see `Question`.
+        arrays: further arguments of the question, (n, steps, …), of which it gets the rows it is about.
+
+    Returns:
+        The answers, (n, steps, …) each.
 
     Raises:
         PolicyError: the policy returned no valid decision.
@@ -49,28 +55,37 @@ def replay(
         actions_before = _windows(carry.actions, actions[:, :-1], needs.history)
     n, steps = actions.shape[:2]
     if needs.memory == 0:
-
-        def rows(x: npt.NDArray[Any]) -> npt.NDArray[Any]:
-            return x.reshape(n * steps, *x.shape[2:])
-
-        whole = Observed(
-            rows(seen),
-            rows(actions_before),
+        everything = Observed(
+            _rows(seen),
+            _rows(actions_before),
             np.tile(np.arange(steps), n),
             np.zeros((n * steps, needs.step_draws)),
             np.repeat(carry.draws, steps, axis=0),
             np.zeros((n * steps, 0)),
         )
-        answer = question(policy.distribution(whole)[0], whole, rows)
-        return answer.reshape(n, steps, *answer.shape[1:])
-    answers = []
+        of_rows = [_rows(array) for array in arrays]
+        answers, _ = policy.answer(everything, partial(_ask, question=question, arrays=of_rows))
+        return tuple(answer.reshape(n, steps, *answer.shape[1:]) for answer in answers)
+    of_steps = []
     for first in range(0, steps, BLOCK):
         for t, simulated in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
-            at_step = partial(_at_step, step=t)
-            recorded = simulated._replace(observations=at_step(seen), actions=at_step(actions_before))
-            distribution, carry.memory = policy.distribution(recorded)
-            answers.append(question(distribution, recorded, at_step))
-    return np.stack(answers, axis=1)
+            recorded = simulated._replace(observations=_at_step(seen, t), actions=_at_step(actions_before, t))
+            of_step = [_at_step(array, t) for array in arrays]
+            asked = partial(_ask, question=question, arrays=of_step)
+            answers, carry.memory = policy.answer(recorded, asked)
+            of_steps.append(answers)
+    return tuple(np.stack(answers, axis=1) for answers in zip(*of_steps, strict=True))
+
+
+def _ask(
+    distribution: Distribution, question: Question, arrays: list[npt.NDArray[Any]]
+) -> tuple[npt.NDArray[Any], ...]:
+    return question(distribution, *arrays)
+
+
+def _rows(x: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """An array (n, steps, …) as (n · steps, …)."""
+    return x.reshape(x.shape[0] * x.shape[1], *x.shape[2:])
 
 
 def _at_step(x: npt.NDArray[Any], step: int) -> npt.NDArray[Any]:

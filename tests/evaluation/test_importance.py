@@ -10,11 +10,11 @@ import pytest
 from helpers.weighing import POLICY, Data, policy_of
 
 import ibdata
-from ibdata.errors import UsageError
+from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.importance import of_ratios
 from ibdata.evaluation.overlap import Ratios, log_ratios
 from ibdata.experiment import Experiment
-from ibdata.policies import Decision, Distribution, Needs
+from ibdata.policies import ClippedNormal, Decision, Distribution, Needs
 
 
 def test_where_only_the_behaviour_has_a_mass_the_ratio_is_0():
@@ -248,6 +248,30 @@ def test_a_density_is_0_at_point_masses_it_lacks(dataset):
     random, inside = (ibdata.importance(dataset, x) for x in ("random", Inside()))
     assert (inside.ratios[corner] == 0.0).all()
     assert inside.ratios == pytest.approx(random.ratios)
+
+
+ANSWERS = [
+    ("log_density", lambda self, action: np.zeros((len(action), 1)), r"found log densities of shape \(\d+, 1\)"),
+    ("log_density", lambda self, action: np.full(len(action), np.inf), "found the log density inf at "),
+    ("log_density", lambda self, action: None, "found None, expected log densities"),
+    ("log_density", lambda self, action: action[:, 5], "test_importance.py:[0-9]+: IndexError"),
+    ("atoms", lambda self, action: np.zeros(len(action), bool), r"found atoms of bool and shape \(\d+,\)"),
+    ("sample", lambda self, u: u[:, :2], r"found actions of shape \(\d+, 2\)"),
+    ("log_density", lambda self, action: ClippedNormal(np.zeros((1, 3)), 0.5).log_density(action),
+     r"found means of shape \(1, 3\), expected \(\d+, 3\)"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("method", "answer", "message"), ANSWERS)
+def test_what_a_distribution_answers_is_checked(dataset, method, answer, message):
+    answering = type("Answering", (Anywhere,), {method: answer})
+
+    class Target(Inside):
+        def decide(self, observed):
+            return Decision(answering(), observed.memory)
+
+    with pytest.raises(PolicyError, match=f"^policy target: (episode [0-9]+|asked .*): step 0: .*{message}"):
+        ibdata.importance(dataset, Target(), policy="random")
 
 
 def test_bad_arguments_are_named(dataset):

@@ -8,7 +8,7 @@ from policies.test_recount import SIGMAS, N, recounted
 
 from ibdata.policies import Certain, ClippedNormal, Uniform
 from ibdata.policies.actions import applied
-from ibdata.policies.distributions import ByRow, Mixture, Rows, Unknown
+from ibdata.policies.distributions import ByRow, Group, Mixture, Unknown
 from ibdata.policies.sampled import SquashedNormal
 
 MEAN, SD = np.array([0.7, -0.2, 0.1]), np.array([0.5, 0.9, 0.3])
@@ -25,7 +25,7 @@ def certain(n):
 
 def alternating(n):
     even, odd = np.arange(0, n, 2), np.arange(1, n, 2)
-    return ByRow([Rows(even, normal(len(even)), 3), Rows(odd, normal(len(odd)), 3)], draws=3)
+    return ByRow([Group(even, normal(len(even)), 3), Group(odd, normal(len(odd)), 3)], draws=3)
 
 
 CASES = {
@@ -74,3 +74,29 @@ def test_atoms_of_a_mixture_are_those_of_its_parts():
     repeated = CASES["normal or certain"](1)
     assert repeated.atoms(edge).tolist() == [[True, False, False]]
     assert repeated.atoms(inside).all()
+
+
+@pytest.mark.parametrize(
+    ("mean", "sd", "message"),
+    [
+        (np.zeros((4, 3)), 0.0, "found the standard deviation 0.0, expected a number above 0"),
+        (np.zeros((4, 3)), [0.1, 0.1, -0.5], "found the standard deviation -0.5"),
+        (np.zeros((4, 3)), np.nan, "found the standard deviation nan"),
+        (np.zeros((4, 2)), 0.1, r"found means of shape \(4, 2\), expected \(4, 3\)"),
+        (np.zeros((4, 3)), np.ones((2, 3)), "broadcast"),
+    ],
+)
+def test_a_normal_distribution_that_is_none_is_refused(mean, sd, message):
+    with pytest.raises(ValueError, match=message):
+        ClippedNormal(mean, sd)
+
+
+def test_a_distribution_of_other_episodes_is_refused():
+    action, u = np.zeros((5, 3), np.float32), np.full((5, 3), 0.5)
+    for call in (
+        lambda: normal(4).log_density(action),
+        lambda: normal(6).sample(u),
+        lambda: certain(4).log_density(action),
+    ):
+        with pytest.raises(ValueError, match=r"of shape \([46], 3\), expected \(5, 3\)"):
+            call()

@@ -166,7 +166,7 @@ def test_densities_are_replayed_as_they_were_played(monkeypatch, start):
     ("policy", "message"),
     [
         (Leaking, "ValueError: assignment destination is read-only"),
-        (Short, "found Shifted, expected a Decision of actions and memory"),
+        (Short, "found Shifted, expected a Decision of a distribution or actions, and memory"),
         (Narrow, r"found memory of shape \(8, 1\), expected memory of shape \(8, 2\)"),
         (Neither, r"found no decide\(observed\), expected one that returns"),
     ],
