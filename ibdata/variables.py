@@ -66,6 +66,7 @@ _TABLE = (
 VARIABLES = {variable.name: variable for variable in _TABLE}
 # The variables in the order of the rows of a `State`: whole numbers come last.
 ROWS = tuple(variable.name for variable in sorted(_TABLE, key=lambda variable: variable.whole))
+FIRST_WHOLE = sum(not variable.whole for variable in _TABLE)  # the first row of whole numbers
 
 
 def rows(*names: str) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.variables import ROWS, VARIABLES, of_role, rows
+from ibdata.variables import FIRST_WHOLE, ROWS, VARIABLES, of_role, rows
 
 Floats = npt.NDArray[np.float64]
 
@@ -139,14 +139,14 @@ def checked_state(state: State) -> State:
     if values.ndim != 2 or len(values) != len(ROWS):
         raise ValueError(f"step: state: found shape {values.shape}, expected ({len(ROWS)}, lanes)")
     inside = ((values >= LOW) & (values <= HIGH)).all(axis=1)
-    whole = (values[WHOLE] == np.trunc(values[WHOLE])).all(axis=1)
+    whole = (values[FIRST_WHOLE:] == np.trunc(values[FIRST_WHOLE:])).all(axis=1)
     if not inside.all():
         row = int(np.argmin(inside))
         name = "operational_cost" if ROWS[row].startswith("theta_") else ROWS[row]
         expected = f"numbers in [{LOW[row, 0]:g}, {HIGH[row, 0]:g}]"
         raise ValueError(f"step: state.{name}: found {values[row]}, expected {expected}")
     if not whole.all():
-        row = WHOLE[int(np.argmin(whole))]
+        row = FIRST_WHOLE + int(np.argmin(whole))
         raise ValueError(f"step: state.{ROWS[row]}: found {values[row]}, expected whole numbers")
     return State(values)
 
@@ -159,5 +159,4 @@ def _bounds(variable: str) -> tuple[float, float]:
     return -FINITE if low is None else low, FINITE if high is None else high
 
 
-WHOLE = [row for row, name in enumerate(ROWS) if VARIABLES[name].whole]
 LOW, HIGH = np.array([_bounds(name) for name in ROWS]).T[:, :, None]

@@ -83,14 +83,15 @@ class Replay(NamedTuple):
         """Begin the episodes of these lanes (k,). Returns the noise of each."""
         from ibdata.experiment.rollout import episodes_of
 
-        out = {}
-        for experiment, own, numbers in self.addresses.by_experiment(self.episodes[which]):
+        noise = {}
+        for experiment, positions, numbers in self.addresses.by_experiment(self.episodes[which]):
             episodes, needs = episodes_of(experiment, numbers), simulation.needs
             carry = begin_lanes(episodes.world, episodes.draw, episodes.lanes, episodes.setpoint, needs)
-            simulation.place(which[own], carry, self.episodes[which[own]])
-            for lane, index, key in zip(own.tolist(), episodes.index.tolist(), episodes.keys, strict=True):
-                out[lane] = Noise(index, key, experiment.drifting)
-        return [out[lane] for lane in range(len(which))]
+            simulation.place(which[positions], carry, self.episodes[which[positions]])
+            addresses = zip(positions.tolist(), episodes.index.tolist(), episodes.keys, strict=True)
+            for position, index, key in addresses:
+                noise[position] = Noise(index, key, experiment.drifting)
+        return [noise[position] for position in range(len(which))]
 
 
 def _addresses(dataset: Any) -> Addresses:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from struct import unpack
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from ibdata.simulation import kernel
 from ibdata.simulation.carry import Carry, begin_lanes
 from ibdata.simulation.episodes import Draw
 from ibdata.simulation.variables import hidden, observed_rows, record_rows, values_of
-from ibdata.variables import VARIABLES
+from ibdata.variables import FIRST_WHOLE, ROWS, VARIABLES
 from ibdata.views.rewards import scaled
 from ibdata.views.window import Window
 
@@ -29,6 +30,7 @@ Indices = npt.NDArray[np.int64]
 Float32s = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 COSTS = [OBSERVATION.index("consumption"), OBSERVATION.index("fatigue")]
+REWARD = ROWS.index("reward")
 
 
 class Simulation:
@@ -49,7 +51,7 @@ class Simulation:
         self._observed = observed_rows(view, drifting)
         imperfect = view.imperfections.columns
         self._clean = {f"clean_{c}": i for i, c in enumerate(view.columns(drifting)) if c in imperfect}
-        self._latent = {f"latent_{name}": name for name in hidden(drifting)}
+        self._latent = {f"latent_{name}": ROWS.index(name) for name in hidden(drifting)}
 
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes (k,): the start, the zero-action step, the burn-in."""
@@ -78,7 +80,7 @@ class Simulation:
             self.carry.put(which, carry)
         if self._window is not None:
             self._window.push(which, self._true_values()[which], actions)
-        return self._rewards(carry.state.reward, before, self._costs(carry))
+        return self._rewards(carry.state.values[REWARD], before, self._costs(carry))
 
     def observations(self) -> Float32s:
         """The observations (n, k · history), newest first; a new array each time."""
@@ -90,12 +92,15 @@ class Simulation:
 
         These are the hidden part of the Markov state and the true values of imperfect measurements.
         """
-        state = self.carry.state
-        hidden = {column: getattr(state, name).copy() for column, name in self._latent.items()}
+        values = self.carry.state.values
+        latent = {
+            column: values[row].astype(np.int64) if row >= FIRST_WHOLE else values[row].copy()
+            for column, row in self._latent.items()
+        }
         if not self._clean:
-            return hidden
+            return latent
         observed = self._true_values()
-        return {**hidden, **{name: observed[:, i].copy() for name, i in self._clean.items()}}
+        return {**latent, **{name: observed[:, i].copy() for name, i in self._clean.items()}}
 
     def _numbers(self, which: Indices, draw: Draw) -> Indices:
         """Numbers of new episodes (k,): parts of the addresses of the imperfections' random numbers."""
@@ -161,7 +166,7 @@ class Lane(Simulation):
         self._plain = view.is_classic and view.reward.kind == "classic" and view.reward_scale == 1
         names = (*hidden(drifting), "reward")
         self._rows, self._out = record_rows(names), np.zeros(len(names))
-        self._whole = [column for column, name in self._latent.items() if VARIABLES[name].whole]
+        self._types = "".join("q" if VARIABLES[name].whole else "d" for name in names)
 
     def move(self, action: Action, raw: Raw) -> tuple[Float32s, float, dict[str, float]]:
         """Make a step; return observation, scaled reward, and hidden variables by column name."""
@@ -170,12 +175,10 @@ class Lane(Simulation):
         kernel.simulate_lane(
             carry.state.values, dv, dg, dh, raw, self._parameters, carry.observations, self._rows, self._out
         )
-        *hidden, classic = self._out.tolist()
-        info = dict(zip(self._latent, hidden, strict=True))
-        for column in self._whole:
-            info[column] = int(info[column])
+        numbers = unpack(self._types, self._out)  # type: ignore[arg-type]  # an array is a buffer
+        info = dict(zip(self._latent, numbers))  # noqa: B905  # the last number is the reward
         if self._plain:
-            return carry.observations.ravel().copy(), classic, info
+            return carry.observations.ravel().copy(), numbers[-1], info
         if self._window is not None:
             true = self._true_values()
             self._window.push(self.everyone, true, applied([action]))

@@ -18,7 +18,7 @@ from ibdata.evaluation.results import differences_of, results_of
 from ibdata.evaluation.scores import SCALE, notes, scores, with_references
 from ibdata.experiment.scenario import other_dynamics, scenario_of
 from ibdata.policies import Policy
-from ibdata.policies.custom import is_live
+from ibdata.policies.live import Live
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
 from ibdata.views.options import View, view_of
@@ -88,7 +88,7 @@ def evaluate(
     options = view_of(view)
     if options.reward_scale != 1.0:
         raise UsageError("view: found reward_scale, but returns are not scaled; leave it out")
-    if not options.is_classic and not any(map(is_live, policies.values())):
+    if not options.is_classic and not any(isinstance(each, Live) for each in policies.values()):
         raise UsageError(
             "view: found one, but no object that could see it: policies of ibdata see the six observed "
             "variables; leave it out, or give a function, a module or an object"

@@ -26,9 +26,9 @@ class Addresses:
         names = ("length", "shard", "row_start")
         self.lengths, self.shards, self.starts = (ds.episode_table[name].to_numpy() for name in names)
 
-    def episodes(self, given: Any) -> Ints:
+    def episodes(self, numbers: Any) -> Ints:
         """Numbers of episodes as an array (n,). Raises UsageError if the dataset has no such episode."""
-        return within("episode", given, len(self.lengths))
+        return within("episode", numbers, len(self.lengths))
 
     def by_experiment(self, episodes: Ints) -> Iterator[tuple[Experiment, Ints, Ints]]:
         """Group episodes (n,): yield an experiment, the places of its episodes, and their numbers in it."""
@@ -40,17 +40,17 @@ class Addresses:
             yield self._spec.experiments[i], places, episodes[places] - offsets[places]
 
 
-def whole(what: str, given: Any) -> Ints:
+def whole(what: str, value: Any) -> Ints:
     """Whole numbers (n,) from a number or an array."""
-    numbers = np.asarray(given)
+    numbers = np.asarray(value)
     if numbers.dtype.kind not in "iu" or numbers.ndim > 1:
-        raise UsageError(f"{what}: found {excerpt(given)}, expected whole numbers")
+        raise UsageError(f"{what}: found {excerpt(value)}, expected whole numbers")
     return np.atleast_1d(numbers).astype(np.int64)
 
 
-def within(what: str, given: Any, count: int) -> Ints:
+def within(what: str, value: Any, count: int) -> Ints:
     """Whole numbers (n,) from 0 to count - 1."""
-    numbers = whole(what, given)
+    numbers = whole(what, value)
     wrong = (numbers < 0) | (numbers >= count)
     if wrong.any():
         raise UsageError(f"{what}: found {numbers[np.argmax(wrong)]}, expected one of 0 to {count - 1}")

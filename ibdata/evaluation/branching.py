@@ -9,7 +9,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import form_digest
 from ibdata.numerics.random import Raw, stream_key
 from ibdata.policies import Policy
-from ibdata.policies.custom import without_runs
+from ibdata.policies.live import without_runs
 from ibdata.simulation.carry import Carry
 from ibdata.simulation.episodes import Episodes, Float32s, Ints
 from ibdata.simulation.unroll import LANES, unroll

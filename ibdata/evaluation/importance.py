@@ -18,7 +18,7 @@ from ibdata.evaluation.overlap import Ratios, log_ratios, parts_of, recorded_in,
 from ibdata.evaluation.play import checked_discount
 from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
 from ibdata.evaluation.states import Source
-from ibdata.experiment.code import consented_spec, customs_in, refuse_changed
+from ibdata.experiment.code import consented_spec, refuse_changed, user_objects_in
 from ibdata.numerics.confidence import estimate
 from ibdata.simulation.episodes import Ints
 
@@ -137,7 +137,7 @@ def importance(
     """
     discount = checked_discount(discount)
     evaluated = policy_of(target, history, allow_code)
-    refuse_unused(history, [evaluated])
+    refuse_unused(history, [target])
     ds = opened(ds)
     source = Source(ds, consented_spec(ds, ds.manifest_model, allow_code))
     episodes = np.flatnonzero(ds.selected(split, setpoint, policy))
@@ -148,8 +148,8 @@ def importance(
     behaviours = {id(part.behaviour): part.behaviour for part in parts}.values()
     ratios, rewards = Ratios(*np.empty((2, len(episodes), steps))), np.empty((len(episodes), steps))
     with loaded([evaluated, *behaviours]):
-        customs = [custom for behaviour in behaviours for custom in customs_in(behaviour)]
-        refuse_changed(ds.manifest_model.code, customs, ds.place)
+        objects = [part for behaviour in behaviours for part in user_objects_in(behaviour)]
+        refuse_changed(ds.manifest_model.code, objects, ds.place)
         if any(evaluated.form() != behaviour.form() for behaviour in behaviours):
             refuse_remembered_draws(evaluated)
         for experiment, numbers, places in parts:

@@ -77,8 +77,8 @@ class Ratios(NamedTuple):
 def refuse_remembered_draws(target: Policy) -> None:
     """Raise UsageError for a target that remembers random numbers, because no data have these numbers."""
     for policy in target.everywhere():
-        own = getattr(policy, "own_needs", policy.needs)
-        if own.memory and (own.step_draws or policy.needs.episode_draws):
+        needs = getattr(policy, "own_needs", policy.needs)  # without those of a base
+        if needs.memory and (needs.step_draws or policy.needs.episode_draws):
             raise UsageError(
                 f"policy {target.label}: found {policy.kind}, which has a memory and random numbers, "
                 "expected only one of them: no data have numbers that it may remember; use `history` in "

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import loaded, notes_on
+from ibdata.evaluation.policies import is_foreign, loaded, notes_on
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.numerics.random import stream_key
-from ibdata.policies import POLICIES, Observed, Policy
+from ibdata.policies import Observed, Policy
 from ibdata.policies.actions import read_only
-from ibdata.policies.custom import is_live, without_runs
-from ibdata.policies.user_object import UserObject, clipping_notes
+from ibdata.policies.live import Live, without_runs
+from ibdata.policies.user_object import clipping_notes
 from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Episodes, Ints
 from ibdata.simulation.unroll import LANES, Block, unroll
@@ -79,7 +79,7 @@ def play(
 def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
     """What is to be said of a user's code that has played; a share of its actions was clipped."""
     yield from notes_on(policy, view)
-    if not isinstance(policy, UserObject) and type(policy) not in POLICIES.values():
+    if is_foreign(policy):
         yield from clipping_notes(clipped, 1.0, "actions")
 
 
@@ -141,7 +141,7 @@ def _digests(cell: Cell) -> tuple[bytes, bytes]:
 def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[Observed], Observed] | None:
     """What a policy made of a user's object sees: the frames of the view. Other policies see no view."""
     history, drifting = episodes.policy.needs.history, episodes.world.drifting
-    if view.is_classic or not is_live(episodes.policy) or history == 0:
+    if view.is_classic or not isinstance(episodes.policy, Live) or history == 0:
         return None
     rows = observed_rows(view, drifting)
     window = Window(view, drifting, len(episodes), history)

@@ -10,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.errors import ConfigError, UsageError, say, suggestion
-from ibdata.experiment.code import customs_in
+from ibdata.experiment.code import user_objects_in
 from ibdata.experiment.messages import Problem, refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.numerics.naming import unequal
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
 from ibdata.policies.base import FrozenModel, refuse_density
 from ibdata.policies.code import two_places
-from ibdata.policies.custom import TARGET, Custom, is_live
+from ibdata.policies.custom import TARGET, Custom
+from ibdata.policies.live import Live
 from ibdata.policies.purity import refuse_impure
 from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_needs
 from ibdata.policies.weights_file import SUFFIX
@@ -25,7 +26,7 @@ from ibdata.views.options import PLAIN, ViewOptions
 
 
 def policies_of(
-    given: Any, history: int | Mapping[str, int] = 1, allow_code: bool = False
+    policies: Any, history: int | Mapping[str, int] = 1, allow_code: bool = False
 ) -> dict[str, Policy]:
     """Return the policies that a user gave, by their labels. Of equal labels, the later ones get -2, -3, …
 
@@ -33,81 +34,83 @@ def policies_of(
     all or by label.
     """
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
-    for name, length in {"": common, **lengths}.items():
-        if length < 1:
-            where = f"history: {name}" if name else "history"
-            raise UsageError(f"{where}: found {length!r}, expected a whole number of at least 1")
-    given = [(label, policy_of(policy, common, allow_code)) for label, policy in _labelled(given)]
-    labels = unequal(label or policy.label for label, policy in given)
-    policies = dict(zip(labels, (policy for _, policy in given), strict=True))
-    taking = [label for label, policy in policies.items() if takes_history(policy)]
-    for label in taking:
-        length = lengths.get(label, policies[label].history)
-        policies[label] = policies[label].model_copy(update={"history": length})
-    refuse_unused(common, policies.values())
-    for name in lengths.keys() - taking:
-        one = f"one of {', '.join(taking)}" if taking else "no label"
-        raise UsageError(f"history: found {name!r}, expected {one}: any other policy sets its own number")
-    return policies
+    for label, length in lengths.items():
+        _refuse_length(length, f"history: {label}")
+    labelled = list(_labelled(policies))
+    made = [policy_of(argument, common, allow_code) for _, argument in labelled]
+    labels = unequal(label or policy.label for (label, _), policy in zip(labelled, made, strict=True))
+    taking = [label for label, (_, argument) in zip(labels, labelled, strict=True) if takes_history(argument)]
+    refuse_unused(common, [argument for _, argument in labelled])
+    for label in lengths.keys() - taking:
+        expected = f"one of {', '.join(taking)}" if taking else "no label"
+        raise UsageError(f"history: found {label!r}, expected {expected}: others set their own number")
+    by_label = dict(zip(labels, made, strict=True))
+    for label, length in lengths.items():
+        by_label[label] = by_label[label].model_copy(update={"history": length})
+    return by_label
 
 
-def refuse_unused(history: int, policies: Iterable[Policy]) -> None:
-    """Raise UsageError for a number of observations that none of the policies takes."""
-    if history != 1 and not any(map(takes_history, policies)):
+def refuse_unused(history: int, arguments: Iterable[Any]) -> None:
+    """Raise UsageError for a number of observations that none of the policies that a user gave takes."""
+    if history != 1 and not any(map(takes_history, arguments)):
         raise UsageError(
             f"history: found {history}, but no object that could see so many observations: policies of "
-            "ibdata and objects with `needs` set their own number; leave it out, or give a function, a "
-            "module or another object"
+            "ibdata, blocks and objects with `needs` set their own number; leave it out, or give a function, "
+            "a module or another object"
         )
 
 
-def takes_history(policy: Policy) -> bool:
-    """Whether a policy is an object without a number of observations of its own."""
-    return isinstance(policy, Custom) and policy.is_live and not has_needs(policy.adapted)
+def takes_history(argument: Any) -> bool:
+    """Whether what a user gave is an object, not a block, that says nothing of what it needs."""
+    return not isinstance(argument, Policy | Mapping) and can_act(argument) and not has_needs(argument)
 
 
-def _labelled(given: Any) -> Iterator[tuple[str | None, Any]]:
+def _refuse_length(history: int, place: str = "history") -> None:
+    if history < 1:
+        raise UsageError(f"{place}: found {history}, expected a whole number of at least 1")
+
+
+def _labelled(policies: Any) -> Iterator[tuple[str | None, Any]]:
     """Yield each policy with the label that the user gave it, or None."""
-    for each in given if isinstance(given, list | tuple) else [given]:
-        if not isinstance(each, Mapping) or "kind" in each:
-            yield None, each
+    for argument in policies if isinstance(policies, list | tuple) else [policies]:
+        if not isinstance(argument, Mapping) or "kind" in argument:
+            yield None, argument
             continue
-        for label, policy in each.items():
+        for label, policy in argument.items():
             if not (isinstance(label, str) and label.strip() and label.isprintable()):
                 raise UsageError(f"policy: found the label {label!r}, expected a name")
             yield label, policy
 
 
-def policy_of(given: Any, history: int = 1, allow_code: bool = False) -> Policy:
+def policy_of(policy: Any, history: int = 1, allow_code: bool = False) -> Policy:
     """Return a policy that a user gave: a `Policy`, a kind, a block (mapping, YAML or file), or an object.
 
     An object without `needs` sees `history` observations. A custom policy in a file needs `allow_code`.
     Raises UsageError if it is none of these, ConfigError for a block that is not valid.
     """
-    if history < 1:
-        raise UsageError(f"history: found {history}, expected a whole number of at least 1")
-    if isinstance(given, Policy):
-        return given
-    if isinstance(given, Mapping):
-        return _block(dict(given), "policy")
-    if isinstance(given, str | os.PathLike):
-        return _named(given, allow_code)
-    if isinstance(given, type):
-        raise UsageError(f"policy: found the class {given.__name__}, expected an object: {given.__name__}(…)")
-    if can_act(given):
+    _refuse_length(history)
+    if isinstance(policy, Policy):
+        return policy
+    if isinstance(policy, Mapping):
+        return _block(dict(policy), "policy")
+    if isinstance(policy, str | os.PathLike):
+        return _named(policy, allow_code)
+    if isinstance(policy, type):
+        raise UsageError(
+            f"policy: found the class {policy.__name__}, expected an object: {policy.__name__}(…)"
+        )
+    if can_act(policy):
         try:
-            refuse_density(given)
+            refuse_density(policy)
         except TypeError as error:
             raise UsageError(f"policy: {error}") from None
-        name = getattr(given, "__name__", type(given).__name__).lower()
-        name = re.sub("[^a-z0-9]", "-", name).strip("-")[:64]
-        own = {} if has_needs(given) else {"history": history}
-        return _block({"kind": "custom", "target": given, "name": name or "object", **own}, "policy")
-    raise UsageError(f"policy: found {shown(given)}, expected {EXPECTED}")
+        length = {"history": history} if takes_history(policy) else {}
+        return _block({"kind": "live", "target": policy, **length}, "policy")
+    raise UsageError(f"policy: found {shown(policy)}, expected {EXPECTED}")
 
 
-def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
-    text = os.path.expanduser(given)
+def _named(name: str | os.PathLike[str], allow_code: bool) -> Policy:
+    text = os.path.expanduser(name)
     if text in POLICIES:
         return _block({"kind": text}, f"policy {text}")
     if os.path.isfile(text):
@@ -128,7 +131,7 @@ def _named(given: str | os.PathLike[str], allow_code: bool) -> Policy:
     if not isinstance(block, dict) or "kind" not in block:
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{_example(text)}'"])
     policy = _block(block, place, folder)
-    if folder is not None and not allow_code and any(customs_in(policy)):
+    if folder is not None and not allow_code and any(_customs_in(policy)):
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
         )
@@ -154,7 +157,7 @@ def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
     """What may be wrong with the objects of users that a policy is made of, and that have acted."""
     for part in policy.everywhere():
         if isinstance(part, UserObject):
-            yield from part.notes(view if is_live(part) else PLAIN)
+            yield from part.notes(view if isinstance(part, Live) else PLAIN)
 
 
 @contextmanager
@@ -166,19 +169,24 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
     """
     policies = list(policies)
     for policy in policies:
-        if type(policy) not in POLICIES.values():  # a class of a user
+        if is_foreign(policy):
             refuse_impure(policy, exact=False)
-    customs = [custom for policy in policies for custom in customs_in(policy)]
+    objects = [part for policy in policies for part in user_objects_in(policy)]
     try:
-        for custom in customs:
-            custom.load(columns if custom.is_live and custom in policies else len(OBSERVATION))
+        for part in objects:
+            part.check_once(columns if isinstance(part, Live) and part in policies else len(OBSERVATION))
         yield
         for policy in policies if says else ():
             for note in notes_on(policy):
                 say(f"{policy.label}: {note}")
     finally:
-        for custom in customs:
-            custom.forget()
+        for part in objects:
+            part.forget()
+
+
+def is_foreign(policy: Policy) -> bool:
+    """Whether the class of a policy is a user's."""
+    return type(policy) not in POLICIES.values()
 
 
 class _Policies(FrozenModel):
@@ -195,6 +203,10 @@ def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Pol
 
     with refusals(data, _Policies, line):
         [policy] = _Policies.model_validate(data, context={"folder": folder}).policies
-    for custom in customs_in(policy):
+    for custom in _customs_in(policy):
         custom.look_in(two_places(folder))
     return policy
+
+
+def _customs_in(policy: Policy) -> Iterator[Custom]:
+    return (part for part in policy.everywhere() if isinstance(part, Custom))

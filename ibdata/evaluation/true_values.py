@@ -142,16 +142,16 @@ def true_values(
     return TrueValues(results, returns)
 
 
-def _applied(given: npt.ArrayLike, n: int) -> Float32s:
+def _applied(actions: npt.ArrayLike, n: int) -> Float32s:
     """Actions (n, 3), clipped and rounded. Raises UsageError if they are none."""
     try:
-        proposed = np.array(given, dtype=np.float64)
+        proposed = np.array(actions, dtype=np.float64)
     except (TypeError, ValueError):
         proposed = np.empty(0)
     out = np.empty((n, 3), dtype=np.float32)
     if proposed.shape != out.shape or clip_and_round(proposed, out) < 0:
         raise UsageError(
-            f"actions: found {excerpt(given, 80)}, expected ({n}, 3) finite numbers: "
+            f"actions: found {excerpt(actions, 80)}, expected ({n}, 3) finite numbers: "
             "for each row the changes of velocity, gain and shift in [-1, 1]"
         )
     return out

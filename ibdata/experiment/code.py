@@ -29,21 +29,33 @@ from ibdata.policies.code import (
     two_places,
 )
 from ibdata.policies.custom import Custom
+from ibdata.policies.live import Live
+from ibdata.policies.user_object import UserObject
 from ibdata.system.files import file_sha256
 from ibdata.system.storage import storage
 
 OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
 
 
-def customs(spec: DatasetSpec) -> list[Custom]:
-    """Return every custom policy of a dataset, including the custom parts of other policies."""
+def user_objects(spec: DatasetSpec) -> list[UserObject]:
+    """Return every policy of a dataset that acts through a user's object, including parts of others."""
     policies = (policy for experiment in spec.experiments for policy in experiment.policies)
-    return [custom for policy in policies for custom in customs_in(policy)]
+    return [part for policy in policies for part in user_objects_in(policy)]
 
 
-def customs_in(policy: Policy) -> Iterator[Custom]:
-    """Yield the custom policies among a policy and its parts."""
-    return (part for part in policy.everywhere() if isinstance(part, Custom))
+def user_objects_in(policy: Policy) -> Iterator[UserObject]:
+    """Yield the users' objects among a policy and its parts."""
+    return (part for part in policy.everywhere() if isinstance(part, UserObject))
+
+
+def customs(spec: DatasetSpec) -> list[Custom]:
+    """Return every policy of a dataset whose code has a name, including parts of others."""
+    return [part for part in user_objects(spec) if isinstance(part, Custom)]
+
+
+def live_objects(spec: DatasetSpec) -> list[Live]:
+    """Return every policy of a dataset that is an object of a session, including parts of others."""
+    return [part for part in user_objects(spec) if isinstance(part, Live)]
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, again: bool = False) -> None:
@@ -53,26 +65,27 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
     `again`, other processes may need the policy, so every live object is refused.
     """
     policies = customs(spec)
-    targets = list(dict.fromkeys(custom.target for custom in policies if not custom.is_live))
+    targets = list(dict.fromkeys(custom.target for custom in policies))
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
             "--allow-code if you trust it"
         )
     refuse_within_itself(targets)
-    for custom in policies:
-        if custom.is_live and (again or not custom.is_held):
+    for live in live_objects(spec):
+        if again or not live.is_held:
             raise UsageError(
-                f"{where}: found {custom.target}, an object that acts in the Python session of its run and "
-                "nowhere else; put its class into a file and name it with kind: custom"
+                f"{where}: found {live.code_target}, an object that acts in the Python session of its run "
+                "and nowhere else; put its class into a file and name it with kind: custom"
             )
+    for custom in policies:
         for file in _undeclared(custom, places_of(spec)):
             say(f"{custom.target}: params: {file} is a file; list it under files, so that it is recorded")
 
 
 def announce(spec: DatasetSpec) -> None:
     """Print on stderr which code of custom policies runs now."""
-    for target in dict.fromkeys(custom.target for custom in customs(spec) if not custom.is_live):
+    for target in dict.fromkeys(custom.target for custom in customs(spec)):
         say(f"running the code of {target}")
 
 
@@ -104,23 +117,23 @@ def consented_spec(location: Any, manifest: Manifest, allow_code: bool) -> Datas
     return spec
 
 
-def record(policies: Sequence[Custom]) -> list[Code]:
+def record(policies: Sequence[UserObject]) -> list[Code]:
     """Describe the code of policies that have acted in this process.
 
     The first entry also holds the modules and packages of the whole process.
     """
-    distinct = {(policy.target, *policy.declared().values()): policy for policy in policies}.values()
+    distinct = {(policy.code_target, *policy.files_used().values()): policy for policy in policies}.values()
     entries = [
         Code(
-            target=policy.target,
-            version=None if policy.is_live else _version(re.split("[.:]", policy.target)[0]),
-            sha256=_sha256(_target_file(policy)),
-            files={name: file_sha256(path) for name, path in policy.declared().items()},
+            target=policy.code_target,
+            version=_version(re.split("[.:]", policy.target)[0]) if isinstance(policy, Custom) else None,
+            sha256=_sha256(policy.target_file()),
+            files={name: file_sha256(path) for name, path in policy.files_used().items()},
         )
         for policy in distinct
     ]
-    if not all(policy.is_live for policy in policies):
-        files, versions = _in_use([_target_file(policy) for policy in policies])
+    if not all(isinstance(policy, Live) for policy in policies):
+        files, versions = _in_use([policy.target_file() for policy in policies])
         update = {"files": files | entries[0].files, "distributions": versions}
         entries[0] = entries[0].model_copy(update=update)
     return entries
@@ -141,12 +154,6 @@ def _in_use(targets: Sequence[Path | None]) -> tuple[dict[str, str | None], dict
             packages.add(package)
     versions = {package: _version(package) for package in sorted(packages)}
     return files, {package: version for package, version in versions.items() if version is not None}
-
-
-def _target_file(policy: Custom) -> Path | None:
-    if policy.is_live:
-        return None
-    return policy.file() or file_of(sys.modules.get(policy.target.partition(":")[0]))
 
 
 def _sha256(path: Path | None) -> str | None:
@@ -197,7 +204,7 @@ def _hashes(record: Iterable[Code]) -> dict[str, str]:
     return {name: value for name, value in hashes.items() if value is not None}
 
 
-def refuse_changed(recorded: Iterable[Code], policies: Sequence[Custom], where: str | Path) -> None:
+def refuse_changed(recorded: Iterable[Code], policies: Sequence[UserObject], where: str | Path) -> None:
     """Raise UsageError if the files of these loaded policies differ from those of a record."""
     files = [code.model_copy(update={"distributions": {}}) for code in recorded]
     if names := changed(files, record(policies)):

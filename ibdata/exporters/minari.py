@@ -144,7 +144,7 @@ def _environment(view: View, experiments: list[dict[str, Any]]) -> Any:
     if dynamics is None or start is None:
         return None
     kwargs: dict[str, Any] = {"history": view.history, "dynamics": dynamics, "start": start}
-    if shown := view.options.given():
+    if shown := view.options.changed():
         kwargs["view"] = shown
     setpoints = view.table["setpoint"].unique().tolist()
     if view.info.drifting:

@@ -13,11 +13,11 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, parse
 from ibdata.errors import UsageError, say
 from ibdata.experiment import Experiment, as_yaml, self_check
-from ibdata.experiment.code import changed, customs, names_of, record
+from ibdata.experiment.code import changed, names_of, record, user_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.scenario import other_dynamics
-from ibdata.generation.warm_up import known_answer, play_custom, warm_up
-from ibdata.policies.custom import LIVE
+from ibdata.generation.warm_up import known_answer, play_user_objects, warm_up
+from ibdata.policies.live import LIVE
 from ibdata.system.files import plain_bytes, write, write_new
 from ibdata.system.part import NOTE
 from ibdata.writing.metadata import as_json
@@ -53,12 +53,12 @@ def observe(spec: DatasetSpec) -> Origin:
         code=_code(spec),
         known_answer=known_answer(),
     )
-    if customs(spec):
+    if user_objects(spec):
         for experiment in spec.experiments:
-            play_custom(experiment)
-    for custom in customs(spec):
-        for note in custom.notes():
-            say(f"{custom.target}: {note}")
+            play_user_objects(experiment)
+    for user_object in user_objects(spec):
+        for note in user_object.notes():
+            say(f"{user_object.code_target}: {note}")
     for experiment in spec.experiments:
         for label, policy in zip(experiment.labels, experiment.policies, strict=True):
             for note in other_dynamics(policy, experiment.scenario):
@@ -67,9 +67,9 @@ def observe(spec: DatasetSpec) -> Origin:
 
 
 def _code(spec: DatasetSpec) -> list[Code]:
-    policies = customs(spec)
+    policies = user_objects(spec)
     for policy in policies:
-        policy.load()
+        policy.check_once()
     for experiment in spec.experiments:
         warm_up(experiment)
     return record(policies)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ibdata.errors import IbdataError, missing
-from ibdata.experiment.code import customs
+from ibdata.experiment.code import user_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.make_shard import make_shard
@@ -94,7 +94,7 @@ def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
 
 def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
     """Options that give a run with custom code workers that have imported none: those of an environment."""
-    if not customs(spec):
+    if not user_objects(spec):
         return {}
     machine_code = str(root / f"numba-{secrets.token_hex(4)}")
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}

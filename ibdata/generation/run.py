@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ibdata.errors import IbdataError, Interrupted, UsageError, printable
 from ibdata.experiment import Experiment
-from ibdata.experiment.code import changed_here, customs, names_of
+from ibdata.experiment.code import changed_here, live_objects, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation import origin, receipt
@@ -158,10 +158,9 @@ def counted_if_stopped(part: Part, spec: DatasetSpec, option: str) -> Iterator[N
     except Interrupted as error:
         if count := len(part.receipts):
             shards = "1 shard is" if count == 1 else f"{count} shards are"
-            live = any(custom.is_live for custom in customs(spec))
             then = (
                 "with an object of this session as a policy, a run begins again"
-                if live
+                if live_objects(spec)
                 else f"{option} goes on"
             )
             error.left = f"{shards} finished; {then}"

@@ -10,7 +10,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.policies.custom import without_runs
+from ibdata.policies.live import without_runs
 from ibdata.system.files import part_of
 from ibdata.system.part import refusals
 from ibdata.writing.edited import EDITABLE, is_users

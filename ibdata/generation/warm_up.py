@@ -6,7 +6,7 @@ import sys
 
 from ibdata.dataset.statistics import moments
 from ibdata.experiment import Experiment, self_check
-from ibdata.experiment.code import customs_in
+from ibdata.experiment.code import user_objects_in
 from ibdata.experiment.rollout import rollout
 from ibdata.system.signals import check
 
@@ -22,12 +22,12 @@ def warm_up(experiment: Experiment) -> None:
     check()
 
 
-def play_custom(experiment: Experiment) -> None:
-    """Let custom policies act in the first steps, since they count how many of their numbers are clipped."""
+def play_user_objects(experiment: Experiment) -> None:
+    """Let users' objects act in the first steps, since they count how many of their numbers are clipped."""
     small = experiment.part(steps=min(experiment.steps, STEPS), episodes=1)
     per_policy = len(small.cells) // len(small.policies)
     for number, policy in enumerate(small.policies):
-        if any(customs_in(policy)):
+        if any(user_objects_in(policy)):
             rollout(small, number * per_policy, number * per_policy + min(per_policy, SETPOINTS))
 
 

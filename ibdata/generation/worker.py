@@ -21,7 +21,7 @@ from traceback import format_exc
 from typing import Any, NamedTuple, Protocol
 
 from ibdata.errors import IbdataError
-from ibdata.experiment.code import announce, customs, places_of
+from ibdata.experiment.code import announce, customs, live_objects, places_of, user_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Places, is_fresh
 from ibdata.system import processes
@@ -53,13 +53,13 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
 
     It is this process if it is a command's, if there is nothing to import, or if a policy is a live object.
     """
-    own, places = customs(spec), places_of(spec)
-    for custom in own:
+    places = places_of(spec)
+    for custom in customs(spec):
         custom.look_in(places)
     announce(spec)
-    if not own:
+    if not user_objects(spec):
         yield Here(spec)
-    elif is_fresh() or any(custom.is_live for custom in own):
+    elif is_fresh() or live_objects(spec):
         try:
             yield Here(spec)
         finally:

@@ -10,7 +10,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
 
-from ibdata.experiment.code import customs
+from ibdata.experiment.code import customs, live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.make_shard import make_shard
@@ -46,7 +46,7 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
         workers: The number of processes; None chooses it by the work.
     """
     processors, custom = available_processors(), bool(customs(spec))
-    if any(each.is_live for each in customs(spec)):
+    if live_objects(spec):
         return Division(1, 1)
     if workers is None:
         rows = sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)

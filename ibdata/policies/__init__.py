@@ -7,7 +7,7 @@ is the page to read. An experiment names a policy of another package with `kind:
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Union
 
@@ -69,8 +69,10 @@ def _block_of(value: Any) -> Any:
     """The block {kind: name} of a name, or that of an object of Python's; anything else as it is."""
     if isinstance(value, str):
         return {"kind": value}
+    if isinstance(value, Mapping) and value.get("kind") == "custom" and can_act(value.get("target")):
+        return {**value, "kind": "live"}
     is_policy = type(value) in POLICIES.values()
-    return {"kind": "custom", "target": value} if can_act(value) and not is_policy else value
+    return {"kind": "live", "target": value} if can_act(value) and not is_policy else value
 
 
 def _required(policy: type[Policy]) -> list[str]:

@@ -21,7 +21,7 @@ class Actor(NamedTuple):
     hidden: list[Any]  # modules
     mean: Any  # a Linear
     squash: str
-    own: Callable[[npt.NDArray[np.float32]], Any]  # the model's own actions (n, 3) for scaled inputs (n, k)
+    actions: Callable[[npt.NDArray[np.float32]], Any]  # (n, 3), of the model, for scaled inputs (n, k)
     log_std: Any = None  # a Linear, or numbers (3,)
     bounds: tuple[float, float] = SAC_BOUNDS
     scaling: Mapping[str, Any] = {}  # mean, std and clip, if the library scales observations itself
@@ -37,7 +37,7 @@ def actor_of(model: Any) -> Actor:
     tanh = type(last).__name__ == "Tanh"
     *hidden, last = hidden if tanh else [*hidden, last]
 
-    def own(inputs: npt.NDArray[np.float32]) -> Any:
+    def actions(inputs: npt.NDArray[np.float32]) -> Any:
         training = model.training
         model.train(False)  # without dropout
         try:
@@ -45,7 +45,7 @@ def actor_of(model: Any) -> Actor:
         finally:
             model.train(training)
 
-    return Actor(hidden, last, "tanh" if tanh else "clip", own)
+    return Actor(hidden, last, "tanh" if tanh else "clip", actions)
 
 
 def _of_stable_baselines(model: Any) -> Actor:
@@ -57,7 +57,7 @@ def _of_stable_baselines(model: Any) -> Actor:
         std = np.sqrt(normalize.obs_rms.var + normalize.epsilon)
         scaling = {"mean": normalize.obs_rms.mean.ravel(), "std": std.ravel(), "clip": normalize.clip_obs}
 
-    def own(inputs: npt.NDArray[np.float32]) -> Any:
+    def actions(inputs: npt.NDArray[np.float32]) -> Any:
         seen = inputs.reshape(len(inputs), *model.observation_space.shape)
         return model.predict(seen, deterministic=True)[0]
 
@@ -72,7 +72,7 @@ def _of_stable_baselines(model: Any) -> Actor:
         extractor, (*hidden, mean, _) = policy.actor.features_extractor, policy.actor.mu
         squash, log_std, bounds = "tanh", None, SAC_BOUNDS
     modules = [*_modules(extractor), *(part for each in hidden for part in _modules(each))]
-    return Actor(modules, mean, squash, own, log_std, bounds, scaling)
+    return Actor(modules, mean, squash, actions, log_std, bounds, scaling)
 
 
 def _of_d3rlpy(model: Any) -> Actor:
@@ -86,14 +86,16 @@ def _of_d3rlpy(model: Any) -> Actor:
     policy = model.impl.policy
     hidden = _modules(policy._encoder)
 
-    def own(inputs: npt.NDArray[np.float32]) -> Any:  # what `predict` calls on scaled observations
+    def actions(inputs: npt.NDArray[np.float32]) -> Any:  # what `predict` calls on scaled observations
         return model.impl.predict_best_action(hidden[0].weight.new_tensor(inputs)).detach().cpu().numpy()
 
     if hasattr(policy, "_fc"):  # deterministic
-        return Actor(hidden, policy._fc, "tanh", own, scaling=scaling)
+        return Actor(hidden, policy._fc, "tanh", actions, scaling=scaling)
     # Others, such as IQL, AWAC and BC, were not trained with the distribution of a draw before the tanh.
     log_std = policy._logstd if type(model).__name__ in DRAWN_BEFORE_TANH else None
-    return Actor(hidden, policy._mu, "tanh", own, log_std, (policy._min_logstd, policy._max_logstd), scaling)
+    return Actor(
+        hidden, policy._mu, "tanh", actions, log_std, (policy._min_logstd, policy._max_logstd), scaling
+    )
 
 
 def _refuse_other_bounds(low: Any, high: Any) -> None:

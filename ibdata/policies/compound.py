@@ -28,7 +28,8 @@ from ibdata.policies.base import (
     is_deterministic,
 )
 from ibdata.policies.checked import distribution_of
-from ibdata.policies.distributions import ByRow, Distribution, Group, Mixture, Uniform
+from ibdata.policies.distributions import ByRow, Distribution, Group
+from ibdata.policies.replaced import OrUniform
 
 if TYPE_CHECKING:
     from ibdata.policies import AnyBase, AnyPolicy
@@ -133,7 +134,7 @@ class EpsilonGreedy(Wrapper):
     def decide(self, observed: Observed) -> Decision:
         base, memory = self.base_distribution(observed)
         epsilon = np.full(len(observed.step), self.epsilon)
-        return Decision(Mixture(epsilon, base, Uniform(), first=self.base.needs.step_draws), memory)
+        return Decision(OrUniform(epsilon, base, first=self.base.needs.step_draws), memory)
 
 
 Numbers = npt.NDArray[np.int64]
@@ -301,7 +302,7 @@ class Schedule(Choice):
             return decision
         stages: Any = decision.action
         first = self.needs.step_draws - self.own_needs.step_draws
-        return decision._replace(action=Mixture(self.epsilon(observed), stages, Uniform(), first=first))
+        return decision._replace(action=OrUniform(self.epsilon(observed), stages, first))
 
     def epsilon(self, observed: Observed) -> Floats:
         """The share ε of actions that are replaced at the step of each episode, (n,)."""

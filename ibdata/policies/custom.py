@@ -4,49 +4,34 @@ from __future__ import annotations
 
 import inspect
 import json
-import re
 import sys
 from contextlib import suppress
 from functools import cached_property, partial
 from pathlib import Path
-from secrets import token_hex
 from types import ModuleType
 from typing import Annotated, Any, Literal
-from weakref import WeakValueDictionary
 
-from pydantic import AfterValidator, Field, PrivateAttr, model_validator
-from pydantic.functional_validators import ModelWrapValidatorHandler
+from pydantic import AfterValidator, Field, PrivateAttr
 
 from ibdata.errors import PolicyError, UsageError, printable, suggestion
-from ibdata.policies.base import OBSERVATION, Needs, Policy, refuse_density
+from ibdata.policies.base import refuse_density
 from ibdata.policies.code import (
     Places,
     apart_from_results,
     error_line,
+    file_of,
     imported,
     loading,
     located,
     two_places,
 )
 from ibdata.policies.libraries import is_torch_module
-from ibdata.policies.purity import refuse_impure
 from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_method, needs_of
 
 NAME = "[A-Za-z_][A-Za-z0-9_]*"
 FILE = r"[^/:\\\x00-\x1f][^:\\\x00-\x1f]*\.py"  # a relative path
 TARGET = rf"^({NAME}(\.{NAME})*|{FILE}):{NAME}$"
 TARGET_MEANT = "package.module:name, or file.py:name with a path relative to the YAML file"
-LIVE = "live:"  # begins the target of an object of a Python session
-
-
-class Held:
-    """Keeps a live object as long as a policy, or a copy of it, acts through it."""
-
-    def __init__(self, target: Any) -> None:
-        self.target = target
-
-
-_held_by_run: WeakValueDictionary[str, Held] = WeakValueDictionary()
 
 
 def _as_json(params: dict[str, Any]) -> Any:
@@ -74,70 +59,17 @@ class Custom(UserObject):
     params: Annotated[dict[str, Any], AfterValidator(_as_json)] = Field(
         default={}, description="keyword arguments for a class or a function"
     )
-    history: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
-        default=1, description="number of observations that it sees"
-    )
-    uniforms: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="number of uniform random numbers per step for act and decide"
-    )
     files: list[str] | None = Field(
         default=None,
         description="paths of other files that it reads, such as weights.pt, beside the YAML file or in the "
         "current folder; they are hashed like its code",
     )
-    deterministic: bool = Field(
-        default=False, strict=True, description="promise that it draws no random numbers of any kind"
-    )
-
     _places: Places = PrivateAttr(())  # by default the current folder
-    _held: Held | None = PrivateAttr(None)
-    _is_pure: bool = PrivateAttr(False)
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _with_object(cls, data: Any, handler: ModelWrapValidatorHandler[Custom]) -> Custom:
-        """Let an object of Python's be the target, which is recorded by its class and a name for the run."""
-        target, holder = data.get("target") if isinstance(data, dict) else None, None
-        if can_act(target):
-            holder, run, needs = Held(target), token_hex(16), needs_of(target, 1)
-            _held_by_run[run] = holder
-            name = re.sub("[^A-Za-z0-9_]", "_", getattr(target, "__name__", type(target).__name__))
-            own_needs = {"history": max(1, needs.history), "uniforms": needs.step_draws}
-            data = {**own_needs, **data, "target": LIVE + name, "params": {"run": run}}
-        policy = handler(data)
-        if policy.is_live:
-            policy._held = holder or _held_by_run.get(str(policy.params.get("run")))
-        return policy
-
-    @model_validator(mode="after")
-    def _check(self) -> Custom:
-        if self.deterministic and self.uniforms:
-            raise ValueError(
-                f"found deterministic: true and uniforms: {self.uniforms}, expected only "
-                "one of them, because a deterministic policy draws nothing"
-            )
-        return self
 
     @property
-    def is_live(self) -> bool:
-        """Whether it acts through an object of a Python session."""
-        return self.target.startswith(LIVE)
-
-    @property
-    def is_held(self) -> bool:
-        """Whether that session is this one, and the object is still there."""
-        return self._held is not None
-
-    @property
-    def code_target(self) -> str | None:
+    def code_target(self) -> str:
         """The target."""
         return self.target
-
-    @property
-    def needs(self) -> Needs:
-        """The options; an object with `decide` also says what it remembers and draws for an episode."""
-        needs = needs_of(self.adapted, self.history, self.uniforms)
-        return needs._replace(history=self.history, step_draws=self.uniforms)
 
     def form(self) -> dict[str, Any]:
         """The kind and the options, without the files, which are recorded with the run like the code."""
@@ -152,37 +84,28 @@ class Custom(UserObject):
         """The folders in which the code and the files that it reads are looked for."""
         return self._places or two_places(None)
 
-    def declared(self) -> dict[str, Path]:
+    def files_used(self) -> dict[str, Path]:
         """The paths of the declared files by their names. Raises UsageError if one is not found."""
         return {name: located(name, f"{self.target}: files", self.places) for name in self.files or ()}
+
+    def target_file(self) -> Path | None:
+        """The file of the target, which may be that of an imported module; None if none is known."""
+        return self.file() or file_of(sys.modules.get(self.target.partition(":")[0]))
 
     def file(self) -> Path | None:
         """The file that the target names, or None if it names a module. UsageError if it is not found."""
         source, _, _ = self.target.partition(":")
         return located(source, self.target, self.places) if source.endswith(".py") else None
 
-    def load(self, columns: int = len(OBSERVATION)) -> None:
-        """Import or create the object, unless this was done before, and check that it is pure.
-
-        It sees so many `columns` of an observation. Raises PolicyError if it cannot be loaded, or if it
-        remembers or draws in secret.
-        """
-        if not self._is_pure:
-            refuse_impure(self, columns)
-            self._is_pure = True
-
     def forget(self) -> None:
         """Forget the object, so that it is created anew on its next use, and its folders in Python's path."""
-        if "adapted" in self.__dict__ and not self.is_live:
+        if "adapted" in self.__dict__:
             self._leave_path()
         super().forget()
-        self._is_pure = False
 
     @cached_property
     def adapted(self) -> Any:
         """The object, which is imported or created on first use."""
-        if self._held is not None:
-            return self._held.target
         sys.path[:0] = self._folders()  # before all others, as `python -m` does
         try:
             return self._loaded()
@@ -258,18 +181,3 @@ class Custom(UserObject):
                     f"{self.target}: found {option}: {number}, expected at least the needs of "
                     f"{type(actor).__name__}; write {option}: {least}"
                 )
-
-
-def is_live(policy: Policy) -> bool:
-    """Whether a policy acts through an object of this Python session."""
-    return isinstance(policy, Custom) and policy.is_live
-
-
-def without_runs(form: Any) -> Any:
-    """A form in which live objects have no name of a run, so that each call draws the same numbers."""
-    if isinstance(form, list):
-        return [without_runs(each) for each in form]
-    if not isinstance(form, dict):
-        return form
-    is_live = str(form.get("target", "")).startswith(LIVE)
-    return {key: without_runs(value) for key, value in form.items() if not (is_live and key == "params")}

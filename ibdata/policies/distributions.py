@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.numerics.compiled import compiled, inlined
-from ibdata.numerics.exact import LOG_SQRT_2PI, exp, log, log_cdf
+from ibdata.numerics.exact import LOG_SQRT_2PI, log, log_cdf
 from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
 
@@ -156,57 +156,6 @@ class ClippedNormal(Distribution):
         return _log_clipped_normal(self.mean, self.sd, action)
 
 
-class Mixture(Distribution):
-    """The whole action is that of `other` with a probability, the share, else that of `base`.
-
-        p = (1 - share) p_base + share p_other
-
-    Atoms and densities do not add: where only one of the two has an atom, the other counts nothing.
-
-    Args:
-        share: The probability in each episode, (n,).
-        base: The distribution whose action is clipped and rounded before it may be replaced.
-        other: `Uniform`, or `Certain` actions.
-        first: How many of the random numbers come before the mixture's own: those of the base's policy.
-
-    >>> half = Mixture(np.array([0.5]), Certain(np.zeros((1, 3))), Uniform(), first=0)
-    >>> np.exp(half.log_density(np.zeros((1, 3), dtype=np.float32))).tolist()
-    [0.5]
-    >>> np.exp(half.log_density(np.full((1, 3), 0.25, dtype=np.float32))).tolist()
-    [0.0625]
-    """
-
-    def __init__(self, share: Floats, base: Distribution, other: Uniform | Certain, first: int) -> None:
-        self.share, self.base, self.other, self.first = share, base, other, first
-        self.draws = first + 1 + other.draws
-
-    def sample(self, u: Floats) -> npt.NDArray[Any]:
-        if isinstance(self.base, Certain):
-            base = self.base.applied
-        else:
-            base = applied(self.base.sample(np.ascontiguousarray(u[:, : self.first])))
-        if isinstance(self.other, Certain):
-            return np.where(u[:, self.first, None] < self.share[:, None], self.other.actions, base)
-        return _base_or_uniform(base, np.ascontiguousarray(u[:, self.first :]), self.share)
-
-    def log_density(self, action: Float32s) -> Floats:
-        density = self.base.log_density(action)
-        certain = density == 0.0 if isinstance(self.base, Certain) else self.base.certain(action)
-        if isinstance(self.other, Certain):
-            return _log_or_certain(density, certain, self._is_other(action), self.share)
-        return _log_or_uniform(density, certain, action, self.share)
-
-    def atoms(self, action: Float32s) -> Bools:
-        of_base = self.base.atoms(action)
-        if isinstance(self.other, Certain):
-            return self._is_other(action)[:, None] | of_base
-        return of_base & (self.share < 1.0)[:, None]
-
-    def _is_other(self, action: Float32s) -> Bools:
-        """Whether actions may be the certain ones, (n,)."""
-        return self.other.certain(action) & (self.share > 0.0)
-
-
 class Group(NamedTuple):
     """Some of n episodes, and the distribution in them."""
 
@@ -302,63 +251,4 @@ def _log_clipped_normal(mean: Floats, sd: Floats, action: Float32s) -> Floats:
             else:
                 total += log_height - 0.5 * ((x - m) / scale) * ((x - m) / scale)
         out[i] = total
-    return out
-
-
-@compiled
-def _base_or_uniform(base: Float32s, u: Floats, share: Floats) -> Floats:
-    """Actions (n, 3) of a base, replaced as a whole by U(-1, 1)³ with a probability, by numbers u (n, 4)."""
-    out = np.empty((base.shape[0], 3))
-    for i in range(out.shape[0]):
-        for j in range(3):
-            out[i, j] = 2.0 * u[i, 1 + j] - 1.0 if u[i, 0] < share[i] else np.float64(base[i, j])
-    return out
-
-
-@compiled
-def log_share(x: float) -> float:
-    """Logarithm of a share, -inf if it is 0."""
-    return log(x) if x > 0.0 else -np.inf
-
-
-@compiled
-def _log_or_uniform(base: Floats, certain: Bools, action: Float32s, epsilon: Floats) -> Floats:
-    """The log densities (n,) of a base's actions that U(-1, 1)³ replaces with probability ε; NaN stays.
-
-        log((1 - ε) b + ε u), with the densities b of the base and u of U(-1, 1)³
-
-    Where the base is certain of the whole action, u has no mass there, and the result is log((1 - ε) b).
-    """
-    out = np.empty(base.shape[0])
-    share, log_kept, log_random = -1.0, 0.0, 0.0
-    for i in range(out.shape[0]):
-        out[i] = base[i]
-        if np.isnan(base[i]) or epsilon[i] == 0.0:
-            continue
-        if epsilon[i] != share:
-            share, log_kept, log_random = epsilon[i], log_share(1.0 - epsilon[i]), log(epsilon[i])
-        a, b = log_kept + base[i], log_random + log_uniform(action, i)
-        inside = min(abs(action[i, 0]), abs(action[i, 1]), abs(action[i, 2])) < 1.0
-        if certain[i] and inside and share < 1.0:
-            out[i] = a
-        elif a == -np.inf:
-            out[i] = b
-        else:
-            out[i] = max(a, b) + log(1.0 + exp(min(a, b) - max(a, b)))
-    return out
-
-
-@compiled
-def _log_or_certain(base: Floats, certain: Bools, is_other: Bools, share: Floats) -> Floats:
-    """The log densities (n,) of a base's actions that are replaced by a certain one with a probability.
-
-    It is log(1 - share) more than the base's, except at the certain action: there it is
-    log(share + (1 - share) p) if the base takes it with a probability p, else log share. NaN stays.
-    """
-    out = base.copy()
-    for i in range(out.shape[0]):
-        if np.isnan(out[i]) or not is_other[i]:
-            out[i] += log_share(1.0 - share[i])
-        else:
-            out[i] = log(share[i] + ((1.0 - share[i]) * exp(out[i]) if certain[i] else 0.0))
     return out

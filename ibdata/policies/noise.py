@@ -14,7 +14,8 @@ from ibdata.numerics.random import standard_normal
 from ibdata.policies.base import Decision, Float32s, Floats, Needs, Observed, Steps
 from ibdata.policies.baselines import Constant
 from ibdata.policies.compound import DrawsNothing, Probability, Unnamed, Wrapper
-from ibdata.policies.distributions import Certain, ClippedNormal, Mixture
+from ibdata.policies.distributions import Certain, ClippedNormal
+from ibdata.policies.replaced import OrCertain
 
 if TYPE_CHECKING:
     from ibdata.policies import AnyPolicy, DeterministicBase
@@ -213,4 +214,4 @@ class Sticky(Wrapper):
         base, memory = self.base_distribution(observed)
         kappa = np.where(observed.step > 0, self.kappa, 0.0)  # at the first step there is nothing to repeat
         last = Certain(observed.actions[:, 0])
-        return Decision(Mixture(kappa, base, last, first=self.base.needs.step_draws), memory)
+        return Decision(OrCertain(kappa, base, last, first=self.base.needs.step_draws), memory)

@@ -10,7 +10,6 @@ import numpy.typing as npt
 from ibdata.errors import PolicyError
 from ibdata.policies.base import OBSERVATION, Float32s, Floats, Observed, Policy
 from ibdata.policies.checked import Checked
-from ibdata.policies.user_object import UserObject
 
 EPISODES, STEPS = 32, 2
 NEAR = 1e-3  # of the actions of objects: their last bits may depend on the number of episodes
@@ -27,24 +26,21 @@ MIXED = (
 )
 
 
-def refuse_impure(policy: Policy, columns: int = len(OBSERVATION), exact: bool = True) -> None:
+def refuse_impure(policy: Policy, columns: int = len(OBSERVATION), *, exact: bool) -> None:
     """Raise PolicyError for a policy whose actions depend on more than what it is given.
 
-    It plays two steps of a few episodes, the same again, and half of them in another order. Of an object of a
-    user, or where it need not be `exact`, the last bits may depend on the other episodes.
+    It plays two steps of a few episodes, the same again, and half of them in another order. Where it need not
+    be `exact`, as for the code of users, the last bits may depend on the other episodes.
     """
     history, everyone = histories(EPISODES, policy.needs.history, columns), np.arange(EPISODES)
     expected = _actions(policy, history, everyone)
     if not np.array_equal(_actions(policy, history, everyone), expected):
         raise PolicyError(f"policy {policy.label}: {SECRET}")
-    objects = [part for part in policy.everywhere() if isinstance(part, UserObject)]
-    near, flipped = (NEAR, FLIPPED) if objects or not exact else (0.0, 0.0)
+    near, flipped = (0.0, 0.0) if exact else (NEAR, FLIPPED)
     rows = everyone[-2::-2]
     far = np.abs(_actions(policy, history, rows) - expected[:, rows]).max(axis=2) > near
     if far.mean() > flipped:
         raise PolicyError(f"policy {policy.label}: {MIXED}")
-    for part in objects:
-        part.count_anew()  # what was asked here is made up
 
 
 def _actions(policy: Policy, history: Float32s, rows: npt.NDArray[np.int64]) -> Float32s:

@@ -106,7 +106,7 @@ def _refuse_other_actions(model: Any, actor: Actor, weights: Weights) -> None:
     outputs = weights.outputs(inputs, is_scaled=True)[:, :ACTIONS].astype(np.float64)
     expected = np.tanh(outputs) if actor.squash == "tanh" else np.clip(outputs, -1.0, 1.0)
     try:
-        actions = np.clip(np.asarray(actor.own(inputs), dtype=np.float64), -1.0, 1.0)
+        actions = np.clip(np.asarray(actor.actions(inputs), dtype=np.float64), -1.0, 1.0)
         off = float(np.abs(actions - expected).max())
     except Exception as error:
         raise UsageError(f"model: its actions could not be compared ({error}); expected {KNOWN}") from None

@@ -6,17 +6,20 @@ import inspect
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import Field, PrivateAttr, model_validator
 
 from ibdata.errors import IbdataError, PolicyError
-from ibdata.policies.base import Decision, Floats, Needs, Observed, Policy, Steps
+from ibdata.policies.base import OBSERVATION, Decision, Floats, Needs, Observed, Policy, Steps
 from ibdata.policies.checked import AnswerError, actions, decision, distribution_of, numbers
 from ibdata.policies.code import apart_from_results, error_line
-from ibdata.policies.distributions import Distribution, Unknown
+from ibdata.policies.distributions import Certain, Distribution, Unknown
 from ibdata.policies.libraries import environment_note, is_torch_module, module_call, normalized
+from ibdata.policies.purity import refuse_impure
 from ibdata.views.options import PLAIN, ViewOptions
 
 EXPECTED = (
@@ -46,10 +49,50 @@ class UserObject(Policy):
     What it is given and answers is in docs/custom-policies.md. The arrays are copies, which it may change.
     """
 
+    history: Annotated[int, Field(strict=True, ge=1, le=10_000)] = Field(
+        default=1, description="number of observations that it sees"
+    )
+    uniforms: Annotated[int, Field(strict=True, ge=0, le=10_000)] = Field(
+        default=0, description="number of uniform random numbers per step for act and decide"
+    )
+    deterministic: bool = Field(
+        default=False, strict=True, description="promise that it draws no random numbers of any kind"
+    )
+
+    _is_pure: bool = PrivateAttr(False)
+
+    @model_validator(mode="after")
+    def _refuse_draws(self) -> UserObject:
+        if self.deterministic and self.uniforms:
+            raise ValueError(
+                f"found deterministic: true and uniforms: {self.uniforms}, expected only "
+                "one of them, because a deterministic policy draws nothing"
+            )
+        return self
+
     @property
     @abstractmethod
     def adapted(self) -> Any:
         """The object."""
+
+    @property
+    @abstractmethod
+    def code_target(self) -> str:
+        """What names the object in records and messages."""
+
+    @property
+    def needs(self) -> Needs:
+        """The options; an object with `decide` also says what it remembers and draws for an episode."""
+        needs = needs_of(self.adapted, self.history, self.uniforms)
+        return needs._replace(history=self.history, step_draws=self.uniforms)
+
+    def files_used(self) -> dict[str, Path]:
+        """The files that it reads, by their names in a record."""
+        return {}
+
+    def target_file(self) -> Path | None:
+        """The file of its code, if one is known."""
+        return None
 
     @property
     def remembers(self) -> bool:
@@ -70,8 +113,20 @@ class UserObject(Policy):
         self.__dict__["_last"] = answer if self.remembers else None
         return Decision(answer.action, answer.memory)
 
+    def check_once(self, columns: int = len(OBSERVATION)) -> None:
+        """Make the object, and check that it is pure, unless that was done before.
+
+        It sees so many `columns` of an observation. Raises PolicyError if it cannot be loaded, or if it
+        remembers or draws in secret.
+        """
+        if not self._is_pure:
+            refuse_impure(self, columns, exact=False)
+            self.count_anew()  # what was asked here is made up
+            self._is_pure = True
+
     def forget(self) -> None:
         """Forget the object and its last answer, so that it is made anew on its next use."""
+        self._is_pure = False
         for name in ("adapted", "_last", "_predict", "_keywords", "_reset", "_clipped"):
             self.__dict__.pop(name, None)
 
@@ -118,6 +173,8 @@ class UserObject(Policy):
             answer, next_memory = self._decision(observed)
             if memory.size:
                 memory = numbers(next_memory, memory.shape, "memory").copy()
+            if isinstance(answer, Certain):
+                self._count_clipped(answer.actions)
             if isinstance(answer, Distribution):
                 return Answer(answer, memory, observed.step)
         elif hasattr(self.adapted, "act"):
@@ -129,8 +186,11 @@ class UserObject(Policy):
         if isinstance(answer, tuple) and answer:
             answer = answer[0]
         plain = actions(answer, len(observed.step)).copy()
-        self._clipped += np.array([np.count_nonzero(np.abs(plain) > 1.0), plain.size])
+        self._count_clipped(plain)
         return Answer(plain, memory, observed.step, next_state)
+
+    def _count_clipped(self, actions: npt.NDArray[Any]) -> None:
+        self._clipped += np.array([np.count_nonzero(np.abs(actions) > 1.0), actions.size])
 
     def _predicted(self, observed: Observed, state: Any) -> Any:
         """What `predict` or a call answers, with those of the keywords that it has."""
@@ -193,7 +253,7 @@ def has_needs(target: Any) -> bool:
     return isinstance(getattr(target, "needs", None), Needs)
 
 
-def needs_of(target: Any, history: int, step_draws: int = 0) -> Needs:
+def needs_of(target: Any, history: int = 1, step_draws: int = 0) -> Needs:
     """The needs of an object: its attribute `needs` if it has one, else these."""
     needs: Needs = target.needs if has_needs(target) else Needs(history, step_draws)
     return needs

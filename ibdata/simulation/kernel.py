@@ -14,6 +14,7 @@ from ibdata.dynamics.step import advance
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.random import Raw
 from ibdata.policies.actions import clipped_and_rounded
+from ibdata.variables import FIRST_WHOLE
 
 Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]
@@ -87,7 +88,7 @@ def simulate_lane(
         parameters: the parameters of the dynamics, see `Variant.numbers`.
         history: the latest observations (1, length, 6), newest first; the step adds one.
         rows: the variables to read after the step, see `simulate`.
-        out: their values.
+        out: their values; a whole number is written as the bits of an int64.
     """
     action, noise = np.empty((1, 3), dtype=np.float32), np.zeros((NOISE_ROWS, 1))
     action[0, 0], action[0, 1] = clipped_and_rounded(dv), clipped_and_rounded(dg)
@@ -98,8 +99,12 @@ def simulate_lane(
         drift_noise(column[DYNAMICS_SLOTS:], noise)
     advance(x, action, fields(noise), named(parameters))
     _observe(x, history)
+    whole = out.view(np.int64)
     for j in range(rows.shape[0]):
-        out[j] = x[rows[j], 0]
+        if rows[j] < FIRST_WHOLE:
+            out[j] = x[rows[j], 0]
+        else:
+            whole[j] = np.int64(x[rows[j], 0])
 
 
 @compiled

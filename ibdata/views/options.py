@@ -63,7 +63,7 @@ class ViewOptions:
         flags = (f"missing_{name}" for name in self.flagged(drifting))
         return (*self.columns(drifting), *flags, *(f"previous_{name}" for name in ACTIONS if self.actions))
 
-    def given(self) -> dict[str, Any]:
+    def changed(self) -> dict[str, Any]:
         """The options that differ from those of the plain view, as JSON data for `view_of`."""
         options = {
             "observe": self.observe,

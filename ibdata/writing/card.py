@@ -10,7 +10,7 @@ from ibdata.dataset.models import Info
 from ibdata.dataset.returns import averages, behaviour_returns
 from ibdata.dataset.tabular import column_texts
 from ibdata.experiment import Experiment
-from ibdata.experiment.code import customs
+from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.measures.quality import MEANING, Quality
 from ibdata.measures.returns import ReturnMeasures, return_measures
@@ -216,7 +216,7 @@ def _dynamics(experiment: Experiment) -> str:
 
 
 def _again(spec: DatasetSpec) -> list[str]:
-    live = [each.target for each in customs(spec) if each.is_live]
+    live = [each.code_target for each in live_objects(spec)]
     if live:
         names = ", ".join(f"`{target}`" for target in dict.fromkeys(live))
         return [f"Nobody can make it again: a policy was an object of a Python session, {names}."]

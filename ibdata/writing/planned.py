@@ -9,7 +9,7 @@ from typing import Any
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError
-from ibdata.experiment.code import customs
+from ibdata.experiment.code import user_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.writing.finish import metadata_files, planned_entry
 
@@ -29,7 +29,7 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
         ("experiments", {"shards": shards}, {"shards": [planned_entry(spec, each) for each in spec.shards]}),
         ("rows", listed.rows, spec.rows),
         ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_files(spec, [])})),
-        ("code", targets, list(dict.fromkeys(custom.target for custom in customs(spec)))),
+        ("code", targets, list(dict.fromkeys(policy.code_target for policy in user_objects(spec)))),
     ):
         if message := first_difference(found, expected):
             yield rule, message

@@ -32,7 +32,9 @@ REFUSED = [
     ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
     ({"history": 2, "policy": ["optimized"]}, "history: found 2, but no object that could see so many"),
     ({"history": 2, "policy": SeesThree()}, "history: found 2, but no object that could see so many"),
-    ({"history": {"x": 2}, "policy": {"y": len}}, "history: found 'x', expected one of y: any other policy"),
+    ({"history": 2, "policy": {"kind": "custom", "target": len}}, "found 2, but no object that could"),
+    ({"history": {"a": 2}, "policy": {"a": {"kind": "custom", "target": len}}}, "found 'a'"),
+    ({"history": {"x": 2}, "policy": {"y": len}}, "history: found 'x', expected one of y: others set"),
     ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
     ({"policy": {"mine": 3}}, "policy: found 3, expected an object with decide(observed), act(history,"),
     ({"policy": "optimised"}, "did you mean 'optimized'?"),
@@ -98,8 +100,8 @@ class Seeing:
 
 
 def test_policies_may_have_own_labels_and_histories():
-    own = Seeing(4)
-    own.needs = Needs(history=4)
+    own = Seeing(2000)
+    own.needs = Needs(history=2000)
     given = [
         {"TD3 + BC": Seeing(1), "long": Seeing(3), "own": own},
         "constant",

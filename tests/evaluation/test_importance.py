@@ -251,7 +251,7 @@ def test_a_density_is_0_at_point_masses_it_lacks(dataset):
 
 
 ANSWERS = [
-    ("log_density", lambda self, action: np.zeros((len(action), 1)), r"found log densities of shape \(\d+, 1\)"),
+    ("log_density", lambda self, action: np.zeros((len(action), 1)), r"log densities of shape \(\d+, 1\)"),
     ("log_density", lambda self, action: np.full(len(action), np.inf), "found the log density inf at "),
     ("log_density", lambda self, action: None, "found None, expected log densities"),
     ("log_density", lambda self, action: action[:, 5], "test_importance.py:[0-9]+: IndexError"),

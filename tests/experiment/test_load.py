@@ -18,7 +18,9 @@ WORDS = {  # of refused.txt
     "KEYS": ", ".join(Experiment.model_fields),
     "BASES": ", ".join(kind for kind, policy in POLICIES.items() if not issubclass(policy, Wrapper | Choice)),
     "FIXED": ", ".join(
-        kind for kind, policy in POLICIES.items() if issubclass(policy, Deterministic) or kind == "custom"
+        kind
+        for kind, policy in POLICIES.items()
+        if issubclass(policy, Deterministic) or kind in ("custom", "live")
     ),
 }
 # What stands in refused.txt: a line, and its problem indented below it.

@@ -141,5 +141,5 @@ def test_an_object_of_an_unknown_class_is_live():
         """A policy that ibdata does not know."""
 
     for call in (lambda: load({**PLAIN, "policies": [Mine()]}), lambda: load(PLAIN, {"policies": [Mine()]})):
-        assert call().plain()["policies"][0]["target"] == "live:Mine"
+        assert call().plain()["policies"][0]["target"] == "Mine"
     assert load({**PLAIN, "policies": [POLICIES["safe"]()]}).labels == ("safe",)

@@ -36,13 +36,13 @@ def test_an_object_acts_and_its_class_is_recorded(plain):
     made = ibdata.generate(plain, "out", workers=4)
     assert plain["policies"][0].asked >= 6
     actions = made.to_pandas().groupby("policy", observed=True)["act_velocity"].unique()
-    assert (actions["custom"], actions["epsilon_greedy"], actions["custom-2"]) == (0.5, -0.5, 0.0)
+    assert (actions["mine"], actions["epsilon_greedy"], actions["lambda"]) == (0.5, -0.5, 0.0)
     assert made.manifest["reproducible"] is False
-    assert [code["target"] for code in made.manifest["code"]] == ["live:Mine", "live:_lambda_"]
+    assert [code["target"] for code in made.manifest["code"]] == ["live:Mine", "live:<lambda>"]
     first, second = (made.manifest["experiments"][0]["policies"][i] for i in (0, 2))
-    assert (first["kind"], first["target"], first["history"]) == ("custom", "live:Mine", 1)
-    assert len(first["params"]["run"]) == 32
-    assert first["params"] != second["params"]
+    assert (first["kind"], first["target"], first["history"]) == ("live", "Mine", 1)
+    assert len(first["run"]) == 32
+    assert first["run"] != second["run"]
     assert ibdata.validate("out") == []
     assert "Nobody can make it again: " in (made.path / "README.md").read_text()
 

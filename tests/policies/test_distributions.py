@@ -8,7 +8,8 @@ from policies.test_recount import SIGMAS, N, recounted
 
 from ibdata.policies import Certain, ClippedNormal, Uniform
 from ibdata.policies.actions import applied
-from ibdata.policies.distributions import ByRow, Group, Mixture, Unknown
+from ibdata.policies.distributions import ByRow, Group, Unknown
+from ibdata.policies.replaced import OrCertain, OrUniform
 from ibdata.policies.sampled import SquashedNormal
 
 MEAN, SD = np.array([0.7, -0.2, 0.1]), np.array([0.5, 0.9, 0.3])
@@ -32,10 +33,10 @@ CASES = {
     "certain": certain,
     "uniform": lambda n: Uniform(),
     "clipped normal": normal,
-    "normal or uniform": lambda n: Mixture(np.full(n, 0.3), normal(n), Uniform(), first=3),
-    "normal or certain": lambda n: Mixture(np.full(n, 0.4), normal(n), certain(n), first=3),
-    "certain or uniform": lambda n: Mixture(np.full(n, 0.3), certain(n), Uniform(), first=0),
-    "nested": lambda n: Mixture(np.full(n, 0.2), CASES["certain or uniform"](n), Uniform(), first=4),
+    "normal or uniform": lambda n: OrUniform(np.full(n, 0.3), normal(n), first=3),
+    "normal or certain": lambda n: OrCertain(np.full(n, 0.4), normal(n), certain(n), first=3),
+    "certain or uniform": lambda n: OrUniform(np.full(n, 0.3), certain(n), first=0),
+    "nested": lambda n: OrUniform(np.full(n, 0.2), CASES["certain or uniform"](n), first=4),
     "by row": alternating,
     "squashed": lambda n: SquashedNormal(np.tile([*MEAN, -0.5, -0.2, -1.0], (n, 1)), 0.6, by_tanh=True),
 }

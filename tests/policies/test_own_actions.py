@@ -85,6 +85,11 @@ class Targets(Policy):
         return Decision(targets(given.observations), given.memory)
 
 
+class SureTargets(Deterministic):
+    kind: str = "targets"
+    decide = Targets.decide
+
+
 LINE = "{} of the {} are clipped: actions are changes in [-1, 1]"
 OFTEN = LINE.format("100%", "numbers of its actions")
 
@@ -109,13 +114,14 @@ seldom = Seldom()
     [
         ({"mine": targets}, 1.0, [f"mine: {OFTEN}"]),
         (Targets(), 1.0, [f"targets: {LINE.format('100%', 'actions')}"]),
+        ({"kind": "custom", "target": SureTargets()}, 1.0, [f"suretargets: {OFTEN}"]),
         ({"kind": "epsilon_greedy", "base": targets, "epsilon": 0.5}, 0.0, [f"epsilon_greedy: {OFTEN}"]),
         (third, 1.0, [f"third: {LINE.format('33%', 'numbers of its actions')}"]),
         (seldom, 0.5, []),
         ({"kind": "constant", "action": [1, 1, 1]}, 0.0, []),
         ("mediocre", 1.0, []),
     ],
-    ids=["a function", "a class", "a base", "a third", "a sixth", "constant", "of ibdata"],
+    ids=["a function", "a class", "a block", "a base", "a third", "a sixth", "constant", "of ibdata"],
 )
 def test_an_evaluation_says_that_much_is_clipped(policy, clipped, notes):
     found = evaluate(policy, setpoint=0, episodes=4, steps=20)
