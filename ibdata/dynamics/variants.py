@@ -51,6 +51,56 @@ def named(x: Any) -> Parameters:
     )  # fmt: skip
 
 
+class VariantError(ValueError):
+    """A field of a `Variant` breaks its rule; `broken` has the rules of these fields."""
+
+    def __init__(self, message: str, broken: dict[str, str]) -> None:
+        super().__init__(message)
+        self.broken = broken
+
+
+def broken_rules(k: Parameters) -> dict[str, str]:
+    """What the fields must be that are not so, by their names."""
+    rules = {
+        "eta_mean": ("be in (0, 10]", 0.0 < k.eta_mean <= 10.0),
+        "eta_squash": (
+            "keep scale · (σ - shift) in [0, 1] for σ in [½, 1]",
+            k.eta_scale >= 0.0
+            and k.eta_scale * (0.5 - k.eta_shift) >= 0.0
+            and k.eta_scale * (1.0 - k.eta_shift) <= 1.0,
+        ),
+        # Tᵛ rises with g and falls with v: only these ends keep vᵉ in [0, 1].
+        "effective_velocity_ends": (
+            "be (0, 100) and (100, 0) in one order or the other",
+            {(k.v0, k.g0), (k.v1, k.g1)} == {(0.0, 100.0), (100.0, 0.0)},
+        ),
+        "bernoulli_bounds": ("be ordered in [0, 1]", 0.0 <= k.bernoulli_low <= k.bernoulli_high <= 1.0),
+        "alpha_threshold": ("be in [0, 5]", 0.0 <= k.alpha_threshold <= 5.0),
+        "convolution_weights": (
+            "be in [0, 1] and sum to 1 within 1e-4",
+            all(0.0 <= w <= 1.0 for w in k.weights) and abs(sum(k.weights) - 1.0) <= 1e-4,
+        ),
+        "consumption_offset": ("be in [-100, 100]", abs(k.consumption_offset) <= 100.0),
+        "consumption_noise": ("be in [0, 0.04]", 0.0 <= k.consumption_noise <= 0.04),
+        "drift_rate": (
+            "be ordered in [-100, 100]",
+            -100.0 <= k.drift_rate_low <= k.drift_rate_high <= 100.0,
+        ),
+        "drift_length": (
+            "be a whole number in [1, 1e6]",
+            1.0 <= k.drift_length <= 1e6 and k.drift_length == math.floor(k.drift_length),
+        ),
+        # Both flips use the same draw.
+        "drift_flip": (
+            "be two probabilities, one of them 0",
+            0.0 <= k.flip_before <= 1.0
+            and 0.0 <= k.flip_after <= 1.0
+            and k.flip_before * k.flip_after == 0.0,
+        ),
+    }
+    return {field: rule for field, (rule, holds) in rules.items() if not holds}
+
+
 @dataclasses.dataclass(frozen=True)
 class Variant:
     """A version of the Industrial Benchmark, with one field for each point on which the sources differ.
@@ -83,42 +133,9 @@ class Variant:
     """Probabilities that b changes sign (before moving, at a bound; after moving, past one); one is 0."""
 
     def __post_init__(self) -> None:
-        k = self.parameters
-        rules = {
-            "eta_mean must be in (0, 10]": 0.0 < k.eta_mean <= 10.0,
-            "eta_squash must keep scale · (σ - shift) in [0, 1] for σ in [½, 1]": (
-                k.eta_scale >= 0.0
-                and k.eta_scale * (0.5 - k.eta_shift) >= 0.0
-                and k.eta_scale * (1.0 - k.eta_shift) <= 1.0
-            ),
-            # Tᵛ rises with g and falls with v: only these ends keep vᵉ in [0, 1].
-            "effective_velocity_ends must be (0, 100) and (100, 0) in one order or the other": (
-                {(k.v0, k.g0), (k.v1, k.g1)} == {(0.0, 100.0), (100.0, 0.0)}
-            ),
-            "bernoulli_bounds must be ordered in [0, 1]": 0.0 <= k.bernoulli_low <= k.bernoulli_high <= 1.0,
-            "alpha_threshold must be in [0, 5]": 0.0 <= k.alpha_threshold <= 5.0,
-            "convolution_weights must be in [0, 1] and sum to 1 within 1e-4": (
-                all(0.0 <= w <= 1.0 for w in k.weights) and abs(sum(k.weights) - 1.0) <= 1e-4
-            ),
-            "consumption_offset must be in [-100, 100]": abs(k.consumption_offset) <= 100.0,
-            "consumption_noise must be in [0, 0.04]": 0.0 <= k.consumption_noise <= 0.04,
-            "drift_rate must be ordered in [-100, 100]": -100.0
-            <= k.drift_rate_low
-            <= k.drift_rate_high
-            <= 100.0,
-            "drift_length must be a whole number in [1, 1e6]": (
-                1.0 <= k.drift_length <= 1e6 and k.drift_length == math.floor(k.drift_length)
-            ),
-            # Both flips use the same draw.
-            "drift_flip must be two probabilities, one of them 0": (
-                0.0 <= k.flip_before <= 1.0
-                and 0.0 <= k.flip_after <= 1.0
-                and k.flip_before * k.flip_after == 0.0
-            ),
-        }
-        broken = [rule for rule, holds in rules.items() if not holds]
-        if broken:
-            raise ValueError(f"variant: {'; '.join(broken)}; found {self}")
+        if broken := broken_rules(self.parameters):
+            said = "; ".join(f"{field} must {rule}" for field, rule in broken.items())
+            raise VariantError(f"variant: {said}; found {self}", broken)
 
     @cached_property
     def numbers(self) -> npt.NDArray[np.float64]:

@@ -17,7 +17,7 @@ from ibdata.simulation.carry import begin_lanes
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
-    from ibdata.evaluation.addresses import Addresses
+    from ibdata.evaluation.states import Addresses
     from ibdata.experiment import Experiment
 
 AHEAD = 64  # steps of which the integers are computed at once
@@ -97,7 +97,7 @@ class Replay(NamedTuple):
 def _addresses(dataset: Any) -> Addresses:
     """The addresses of a dataset, which are kept as long as an opened one is."""
     from ibdata.dataset.reader import Dataset, opened
-    from ibdata.evaluation.addresses import Addresses
+    from ibdata.evaluation.states import Addresses
 
     if not isinstance(dataset, Dataset | str | os.PathLike):
         raise UsageError(f"dataset: found {excerpt(dataset)}, expected a Dataset, or its folder or URL")

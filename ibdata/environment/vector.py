@@ -19,8 +19,8 @@ from ibdata.environment.simulation import Float32s, Indices, Simulation
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams, refuse_negative
 from ibdata.errors import UsageError, excerpt
-from ibdata.evaluation.addresses import within
 from ibdata.numerics.random import Raw
+from ibdata.numerics.whole_numbers import within
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip

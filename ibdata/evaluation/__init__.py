@@ -7,15 +7,13 @@ from typing import Any
 
 from ibdata.arguments import public
 from ibdata.errors import UsageError
-from ibdata.evaluation.against import baselines_of, compared
-from ibdata.evaluation.baselines import SETTINGS
+from ibdata.evaluation.baselines import SETTINGS, baselines_of, compared
 from ibdata.evaluation.play import checked_discount, play
 from ibdata.evaluation.policies import policies_of
+from ibdata.evaluation.results import SCALE, differences_of, notes, results_of, scores, with_references
 from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
-from ibdata.evaluation.results import differences_of, results_of
-from ibdata.evaluation.scores import SCALE, notes, scores, with_references
 from ibdata.experiment.scenario import other_dynamics, scenario_of
 from ibdata.policies import Policy
 from ibdata.policies.live import Live

@@ -13,8 +13,8 @@ from ibdata.arguments import public
 from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import PolicyError, UsageError
-from ibdata.evaluation.addresses import whole
 from ibdata.evaluation.noise_floor import QUANTITIES, NoiseFloor, noise_floor
+from ibdata.numerics.whole_numbers import whole
 from ibdata.policies.checked import AnswerError, numbers
 
 Floats = npt.NDArray[np.float64]

@@ -2,26 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.reader import Dataset, Place, opened
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
-from ibdata.evaluation.addresses import Addresses, whole, within
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.rollout import PART_ROWS, episodes_of, write_columns
+from ibdata.numerics.whole_numbers import whole, within
 from ibdata.policies import Policy
 from ibdata.policies.baselines import Constant
 from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Float32s, Ints
 from ibdata.simulation.unroll import unroll
 from ibdata.simulation.variables import Table
+from ibdata.writing.planned import refuse_other_plan
+
+
+class Addresses:
+    """The addresses of a dataset's episodes. Raises DatasetError if this ibdata makes other episodes."""
+
+    def __init__(self, ds: Dataset, spec: DatasetSpec | None = None) -> None:
+        self._spec = spec or spec_in(ds, ds.manifest_model)
+        refuse_other_plan(self._spec, ds.manifest_model)
+        names = ("length", "shard", "row_start")
+        self.lengths, self.shards, self.starts = (ds.episode_table[name].to_numpy() for name in names)
+
+    def episodes(self, numbers: Any) -> Ints:
+        """Numbers of episodes as an array (n,). Raises UsageError if the dataset has no such episode."""
+        return within("episode", numbers, len(self.lengths))
+
+    def by_experiment(self, episodes: Ints) -> Iterator[tuple[Experiment, Ints, Ints]]:
+        """Group episodes (n,): yield an experiment, the places of its episodes, and their numbers in it."""
+        shards = [self._spec.shards[i] for i in self.shards[episodes].tolist()]
+        experiments = np.array([shard.experiment for shard in shards])
+        offsets = np.array([shard.offset for shard in shards])
+        for i in np.unique(experiments).tolist():
+            places = np.flatnonzero(experiments == i)
+            yield self._spec.experiments[i], places, episodes[places] - offsets[places]
+
 
 BATCH_ROWS = 65_536
 

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from pydantic import AfterValidator, Field, Tag, create_model
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
-from ibdata.experiment.scalars import WHOLE, Real, by_form
+from ibdata.dynamics.variants import VariantError
+from ibdata.experiment.setpoints import WHOLE, Real, by_form
 from ibdata.policies.base import FrozenModel
 
 
@@ -30,9 +31,8 @@ def _fitting(name: str) -> AfterValidator:
     def check(value: Any) -> Any:
         try:
             dataclasses.replace(SIEMENS, **{name: value})
-        except ValueError as error:
-            rule = str(error).split("; found ")[0].removeprefix(f"variant: {name} must ")
-            raise ValueError(f"found {value}, expected it to {rule}") from None
+        except VariantError as error:
+            raise ValueError(f"found {value}, expected it to {error.broken[name]}") from None
         return value
 
     return AfterValidator(check)

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, Tag
 
 from ibdata.experiment.messages import shown
-from ibdata.experiment.scalars import WHOLE, by_form
-from ibdata.experiment.setpoints import SetpointOrList
+from ibdata.experiment.setpoints import WHOLE, SetpointOrList, by_form
 from ibdata.policies.base import FrozenModel
 
 

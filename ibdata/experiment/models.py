@@ -23,9 +23,19 @@ from ibdata.experiment.fields import Output, Split, Start
 from ibdata.experiment.messages import refusals
 from ibdata.experiment.plain import plain
 from ibdata.experiment.plan import segments
-from ibdata.experiment.scalars import LICENCE, EpisodeCount, FileName, Licence, Seed, SplitName, StepCount
 from ibdata.experiment.scenario import Cell, Scenario
-from ibdata.experiment.setpoints import Setpoints, repeated, setpoint_values
+from ibdata.experiment.setpoints import (
+    LICENCE,
+    EpisodeCount,
+    FileName,
+    Licence,
+    Seed,
+    Setpoints,
+    SplitName,
+    StepCount,
+    repeated,
+    setpoint_values,
+)
 from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel

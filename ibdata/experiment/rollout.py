@@ -1,4 +1,4 @@
-"""Simulate episodes of an experiment into columns, as a pure function."""
+"""Simulate episodes of an experiment into columns, and ask its policies again about recorded episodes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from ibdata.experiment.models import Experiment
 from ibdata.experiment.scenario import Cell
 from ibdata.numerics.random import Purpose, stream_key
 from ibdata.policies.compound import PolicyMixture
+from ibdata.policies.distributions import Distribution
 from ibdata.simulation import kernel
 from ibdata.simulation.carry import begin
-from ibdata.simulation.episodes import Episodes, Ints, draw_uniforms
+from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
+from ibdata.simulation.replay import replay
 from ibdata.simulation.unroll import LANES, Block, unroll
 from ibdata.simulation.variables import Table
 
@@ -132,3 +134,36 @@ def acting_in(experiment: Experiment, numbers: Ints) -> tuple[list[str], Ints]:
 def _per_policy(experiment: Experiment) -> int:
     """The number of episodes of each policy."""
     return experiment.episodes * (len(experiment.cells) // len(experiment.policies))
+
+
+def log_densities(
+    experiment: Experiment,
+    first: int,
+    stop: int,
+    observations: Float32s,
+    actions: Float32s,
+) -> Floats:
+    """The log densities (n, steps) of the actions of episodes first … stop - 1, all of one policy.
+
+    The recorded observations are (n, steps, 6), and the actions (n, steps, 3).
+    """
+    densities = np.empty(actions.shape[:2])
+    for start, end in blocks(experiment, first, stop):  # blocks limit the memory
+        rows = slice(start - first, end - first)
+        densities[rows] = _block_densities(
+            experiment, np.arange(start, end), observations[rows], actions[rows]
+        )
+    return densities
+
+
+def _block_densities(
+    experiment: Experiment, numbers: Ints, observations: Float32s, actions: Float32s
+) -> Floats:
+    """The log densities (n, steps) of the actions of the episodes of a block."""
+    episodes = episodes_of(experiment, numbers)
+
+    def log_density(distribution: Distribution, actions: Float32s) -> tuple[Floats]:
+        return (distribution.log_density(actions),)
+
+    [densities] = replay(episodes, observations, actions, log_density, actions)
+    return densities

@@ -16,8 +16,7 @@ from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Start
 from ibdata.experiment.messages import refusals
 from ibdata.experiment.plain import plain
-from ibdata.experiment.scalars import EpisodeCount, Seed, StepCount
-from ibdata.experiment.setpoints import Setpoints, repeated, setpoint_values
+from ibdata.experiment.setpoints import EpisodeCount, Seed, Setpoints, StepCount, repeated, setpoint_values
 from ibdata.policies import Policy
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.expert import Expert

@@ -14,7 +14,7 @@ from ibdata.dataset.reader import Dataset, Place, opened
 from ibdata.errors import UsageError, suggestion
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.experiment.scalars import SplitName
+from ibdata.experiment.setpoints import SplitName
 from ibdata.experiment.split_schemes import Splits
 from ibdata.maintenance.rewrite import relabel, sources_of, write_dataset
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES, property_of, refuse_unused

@@ -17,8 +17,7 @@ from ibdata.arguments import public
 from ibdata.errors import UsageError, say
 from ibdata.policies.actors import Actor, actor_of, numbers
 from ibdata.policies.libraries import environment_note
-from ibdata.policies.tensors import written
-from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, kept
+from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, kept, written
 from ibdata.system.files import write
 from ibdata.system.part import refusals
 

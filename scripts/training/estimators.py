@@ -16,7 +16,7 @@ import ibdata
 from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.importance import Importance
-from ibdata.policies.tensors import read
+from ibdata.policies.weights_file import read
 from training.learned_model import Model, fitted_network
 from training.offline import DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows
 from training.targets import Target, drawn

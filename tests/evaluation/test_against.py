@@ -8,7 +8,7 @@ from helpers.baseline_lines import baseline as made
 
 import ibdata
 from ibdata import IbdataError
-from ibdata.evaluation import against
+from ibdata.evaluation import baselines as against
 from ibdata.evaluation.baselines import Baseline
 
 OWN = np.linspace(-6100.0, -5900.0, 200)

@@ -6,7 +6,7 @@ import numpy as np
 
 from helpers import networks
 from ibdata.policies import POLICIES
-from ibdata.policies.tensors import written
+from ibdata.policies.weights_file import written
 
 BAD, SAFE, RANDOM = {"kind": "bad"}, {"kind": "safe"}, {"kind": "random"}
 BASE = {"kind": "constant", "action": [0.5, -1.0, 0.1]}

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ibdata.policies.tensors import written
+from ibdata.policies.weights_file import written
 
 MEAN, STD = [55.0, 49.0, 50.5, 49.5, 37.5, 166.0], [28.0, 12.0, 30.0, 29.0, 31.0, 139.0]
 

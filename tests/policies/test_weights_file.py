@@ -11,8 +11,7 @@ from helpers.models import Linear, Parameter
 
 from ibdata.errors import UsageError
 from ibdata.policies.save_network import save_network
-from ibdata.policies.tensors import read, written
-from ibdata.policies.weights_file import Weights
+from ibdata.policies.weights_file import Weights, read, written
 
 GOOD = networks.weights()
 

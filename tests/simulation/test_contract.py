@@ -9,8 +9,7 @@ import pytest
 
 from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
-from ibdata.experiment.replay import log_densities
-from ibdata.experiment.rollout import rollout
+from ibdata.experiment.rollout import log_densities, rollout
 from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies import Decision, Distribution, Needs, Policy
 
