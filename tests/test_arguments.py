@@ -72,7 +72,7 @@ def test_other_types_are_refused_by_name(name):
             wrong += [] if re.search("None|Setpoint", annotation) else [None]
             wrong += [] if "str" in annotation else ["x"]
         elif annotation.startswith(("bool", "str", "Split")):
-            wrong = [5, np.int64(1), *([] if "Sequence" in annotation else [["x"]])]
+            wrong = [5, np.int64(1), *([] if re.match("Split|.*Sequence", annotation) else [["x"]])]
         for value in wrong:
             said = refusal(lambda option=option, value=value: FUNCTIONS[name](**{option: value}))
             assert re.match(rf"{option}: found .*, expected (an? |True or False)", said)
@@ -111,7 +111,7 @@ MEANT = [
     (lambda ds, out: ibdata.export(ds, "minari", out, id=5), "id", "found 5, expected a text or None"),
     (lambda ds, out: ibdata.export(ds, "npz", 5), "out", "found 5, expected a text or a path"),
     (lambda ds, out: ibdata.open(5), "path", "found 5, expected a text or a path"),
-    (lambda ds, out: ibdata.quality(5), "ds", "found 5, expected a Dataset, a text or a path"),
+    (lambda ds, out: ibdata.quality(5), "ds", "found 5, expected a Dataset, a Selection, a text or a path"),
     (lambda ds, out: ibdata.merge("a", out), "folders", "found 'a', expected a list of texts or paths"),
     (lambda ds, out: ibdata.score_model(ds, 5), "model", "found 5, expected a function"),
     (
@@ -124,7 +124,7 @@ MEANT = [
         "history: len",
         "found 1.5, expected a whole",
     ),
-    (lambda ds, out: ds.read_shard(-1), "number", "found -1, expected a shard from 0 to 0"),
+    (lambda ds, out: ds.stored.rows(-1), "number", "found -1, expected a shard from 0 to 0"),
     (
         lambda ds, out: check_policy(len, history=0),
         "history",
@@ -223,10 +223,7 @@ NUMBERS = {
     "table": lambda number, ds, out: ds.table(setpoint=number([70])),
     "arrays": lambda number, ds, out: ds.arrays(number(3), setpoint=number(70))["observations"],
     "windows": lambda number, ds, out: ds.windows(number(3))[5],
-    "read_shard": lambda number, ds, out: ds.read_shard(number(0)),
-    "shard_batches": lambda number, ds, out: list(
-        ds.shard_batches(number(0), ["step"], number(3), number(1), number(5))
-    ),
+    "select": lambda number, ds, out: ds.select(setpoint=number([20, 70])).inside,
     "settings": lambda number, ds, out: settings(
         number(70), history=number(2), start={"burn_in": number([1, 2])}
     ),

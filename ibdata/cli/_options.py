@@ -80,8 +80,8 @@ def _dataset(ctx: click.Context) -> Dataset:
     return Dataset(ctx.params.get("folder") or ctx.args[0])
 
 
-columns = completing(lambda ctx: [column.name for column in _dataset(ctx).info_model.columns])
-splits = completing(lambda ctx: _dataset(ctx).split_entries)
+columns = completing(lambda ctx: [column.name for column in _dataset(ctx).stored.info.columns])
+splits = completing(lambda ctx: _dataset(ctx).stored.splits)
 policies = completing(_policies)
 _shipped = completing(_experiments)
 

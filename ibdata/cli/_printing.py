@@ -116,12 +116,14 @@ def described(dataset: Dataset) -> dict[str, Any]:
 
 def contents(dataset: Dataset) -> list[tuple[str, str]]:
     """Rows, files and content root of a dataset, as text."""
-    counts = dataset.info_model.counts
-    lengths = dataset.episode_table["length"].unique().to_pylist() if counts.steps is None else [counts.steps]
+    counts = dataset.stored.info.counts
+    lengths = (
+        dataset.stored.episodes["length"].unique().to_pylist() if counts.steps is None else [counts.steps]
+    )
     steps = " or ".join([*(f"{n:,}" for n in lengths[:-1]), counted(lengths[-1], "step")])
     return [
         ("rows", f"{counts.rows:,} in {counted(counts.episodes, 'episode')} of {steps}"),
-        ("files", f"{counts.shards:,} Parquet, {size(dataset.manifest_model.data_bytes)}"),
+        ("files", f"{counts.shards:,} Parquet, {size(dataset.stored.manifest.data_bytes)}"),
         ("content root", dataset.content_root),
     ]
 

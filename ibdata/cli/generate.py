@@ -117,7 +117,7 @@ def _suite(found: Mapping[str, Dataset], seconds: float) -> Printed:
     total = [
         ("datasets", f"{len(datasets)} in {folder}"),
         ("rows", f"{rows:,}"),
-        ("bytes", size(sum(d.manifest_model.data_bytes for d in datasets))),
+        ("bytes", size(sum(d.stored.manifest.data_bytes for d in datasets))),
         ("time", f"{seconds:.1f} s"),
     ]
     listed = [{"name": name, **described(dataset)} for name, dataset in found.items()]

@@ -29,7 +29,7 @@ def command(folder: Path | str) -> Printed:
 
     dataset = Dataset(folder)
     returns = dataset.returns()
-    measures = return_measures(dataset.episode_table, dataset.info_model)._asdict()
+    measures = return_measures(dataset.stored.episodes, dataset.stored.info)._asdict()
     lines = [_contents(dataset), "", _returns(returns)]
     for name, value in measures.items():
         if value is not None:
@@ -46,7 +46,7 @@ def command(folder: Path | str) -> Printed:
 
 
 def _contents(dataset: Dataset) -> str:
-    info = dataset.info_model
+    info = dataset.stored.info
     lines: list[tuple[str, object]] = [
         ("name", info.name),
         ("dynamics", "several" if info.dynamics is None else info.dynamics),

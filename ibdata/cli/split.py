@@ -103,9 +103,9 @@ def command(folder: Path, as_list: bool, **options: Any) -> Printed:
         return _splits(Dataset(folder), {})
     from ibdata.maintenance.split import split
 
-    before = Dataset(folder).split_entries
+    before = Dataset(folder).stored.splits
     after = split(folder, **options)
-    return _splits(after, {} if options["materialize"] else _taken_away(before, after.split_entries))
+    return _splits(after, {} if options["materialize"] else _taken_away(before, after.stored.splits))
 
 
 def _taken_away(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, list[str]]:

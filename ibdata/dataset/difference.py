@@ -30,16 +30,16 @@ def difference(a: Place, b: Place) -> list[str]:
     if first.content_root == second.content_root:
         return []
     lines = [f"content root: {first.content_root[:12]}… and {second.content_root[:12]}…"]
-    ours, theirs = first.manifest_model.experiments, second.manifest_model.experiments
+    ours, theirs = first.stored.manifest.experiments, second.stored.manifest.experiments
     if len(ours) != len(theirs):
         lines.append(f"experiments: {len(ours)} and {len(theirs)}")
     for i, (one, other) in enumerate(zip(ours, theirs, strict=False)):
         lines += _options(one, other, "experiment" if len(ours) == 1 else f"experiments.{i}")
     for key in ("rows", "episodes", "steps", "cells"):
-        one, other = getattr(first.info_model.counts, key), getattr(second.info_model.counts, key)
+        one, other = getattr(first.stored.info.counts, key), getattr(second.stored.info.counts, key)
         if one != other:
             lines.append(f"{key}: {one} and {other}")
-    types, others = ({c.name: c.dtype for c in x.info_model.columns} for x in (first, second))
+    types, others = ({c.name: c.dtype for c in x.stored.info.columns} for x in (first, second))
     for name in dict.fromkeys([*types, *others]):
         if types.get(name) != others.get(name):
             lines.append(f"column {name}: {types.get(name, 'none')} and {others.get(name, 'none')}")
@@ -77,7 +77,7 @@ def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
 
 def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
     """Map each cell and index to its episodes by digest. A merged dataset may have one for each seed."""
-    columns = (dataset.episode_table[name].to_pylist() for name in ("cell", "index", "digest", "episode"))
+    columns = (dataset.stored.episodes[name].to_pylist() for name in ("cell", "index", "digest", "episode"))
     found: dict[tuple[str, int], dict[bytes, int]] = {}
     for cell, index, digest, episode in zip(*columns, strict=True):
         found.setdefault((cell, index), {})[digest] = episode
@@ -85,9 +85,9 @@ def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
 
 
 def _rows(dataset: Dataset, episode: int, names: list[str]) -> pa.Table:
-    table = dataset.episode_table
+    table = dataset.stored.episodes
     shard, start, stop = (table[name][episode].as_py() for name in ("shard", "row_start", "row_stop"))
-    return pa.Table.from_batches(dataset.shard_batches(shard, names, stop - start, start, stop))
+    return pa.Table.from_batches(dataset.stored.batches(shard, names, stop - start, start, stop))
 
 
 def _first_difference(a: pa.Table, b: pa.Table) -> str | None:

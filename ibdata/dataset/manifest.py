@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from ibdata.dataset.models import Manifest, Parsed, parse
-from ibdata.errors import BusyError, DatasetError, UsageError, nearest, printable
+from ibdata.dataset.models import Manifest, parse
+from ibdata.errors import DatasetError, UsageError, nearest, printable
 from ibdata.system.configs import shipped
 from ibdata.system.part import Part, resolved
 from ibdata.system.storage import Storage, damaged, local, reason, storage
@@ -93,58 +93,6 @@ def _parsed(data: bytes) -> Manifest:
     if found.get("checksum") != checksum(found):
         raise ValueError("found content that does not fit its checksum; the file has been changed")
     return parse(Manifest, found)
-
-
-def read_json(place: Any, listed: Manifest, path: str, form: type[Parsed]) -> Parsed:
-    """Read a listed JSON file as a model. Raises DatasetError, or BusyError as `listed_content`."""
-    data = listed_content(place, listed, path)
-    try:
-        return parse(form, loads(data))
-    except ValueError as error:
-        raise damaged(place, path, str(error)) from None
-
-
-def listed_content(place: Any, listed: Manifest, path: str) -> bytes:
-    """Read a listed file.
-
-    Raises:
-        DatasetError: The file is missing, or has another SHA-256 than the manifest lists.
-        BusyError: The same, because the dataset has been replaced.
-    """
-    data = content(place, listed, path)
-    sha256 = next((file.sha256 for file in listed.files if file.path == path), None)
-    if hashlib.sha256(data).hexdigest() != sha256:
-        raise wrong(place, listed, path, "found other content than the manifest lists")
-    return data
-
-
-def content(place: Any, listed: Manifest, path: str) -> bytes:
-    """Read a file of the dataset. Raises DatasetError or BusyError as `listed_content`."""
-    try:
-        return storage(place).read(path)
-    except (FileNotFoundError, NotADirectoryError):
-        problem = "missing"
-    except OSError as error:
-        problem = f"cannot be read: {reason(error)}"
-    raise wrong(place, listed, path, problem)
-
-
-def wrong(place: Any, listed: Manifest, path: str, problem: str) -> DatasetError:
-    """The error that names a problem of a file and its remedy. Raises BusyError as `refuse_replaced`."""
-    refuse_replaced(place, listed)
-    files = storage(place)
-    todo = f"; run ibdata repair {files.name}" if files.url is None else ""
-    return damaged(files, path, f"{problem}{todo}")
-
-
-def refuse_replaced(place: Any, listed: Manifest) -> None:
-    """Raise BusyError if the dataset at a place no longer has this manifest."""
-    try:
-        now = read(place).checksum
-    except DatasetError:
-        return
-    if now != listed.checksum:
-        raise BusyError(f"{storage(place).name}: replaced while it was read; open it again")
 
 
 def loads(data: bytes) -> Any:

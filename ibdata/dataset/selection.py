@@ -1,61 +1,161 @@
-"""The episodes of a dataset that are to be read: those of a split, at some setpoints, of some policies."""
+"""Episodes of a dataset that are to be read: of a split, at some setpoints, of some policies."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from numbers import Real
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.errors import UsageError, suggestion
-from ibdata.numerics.naming import exact
+from ibdata.arguments import public
+from ibdata.dataset.conditions import Policy, Setpoint, Split, known_of
+from ibdata.dataset.models import Info
+from ibdata.dataset.readable import Readable
+from ibdata.dataset.splits import runs_of
+from ibdata.dataset.stored import Stored
+from ibdata.dataset.transitions import Transitions, needed, transitions, whole_episodes
+from ibdata.dataset.viewed import BLOCK_ROWS
+from ibdata.errors import UsageError, printable
+from ibdata.numerics.naming import counted
+from ibdata.views.options import ViewOptions
 
 Runs = list[tuple[int, int]]
 Mask = npt.NDArray[np.bool_]
-Columns = Sequence[str] | None
-Split = str | None
-Setpoint = float | Sequence[float] | npt.NDArray[Any] | None
-Policy = str | Sequence[str] | None
-MOST_NAMES = 40  # in a message
 
 
-def selected(
-    episodes: pa.Table, split: Sequence[Sequence[int]] | None, setpoint: Setpoint, policy: Policy
-) -> Mask:
-    """Whether each episode is in the runs [first, stop] of a split, at a setpoint, and of a policy.
+class Selection(Readable):
+    """Some episodes of a dataset, of which rows can be read as of the dataset itself.
+
+    `content_root`, `info` and `place` are those of the dataset; all else is of the selected episodes.
+    """
+
+    def __init__(self, stored: Stored, mask: Mask | None = None, declared: str | None = None) -> None:
+        self.stored = stored
+        self.mask = mask  # whether each episode of the dataset is selected; None for all of them
+        self.declared = declared  # the declared split that this is, if it is one
+
+    def __repr__(self) -> str:
+        episodes = counted(int(self.inside.sum()), "episode")
+        return f"<ibdata.Selection of {printable(self.place)}: {counted(len(self), 'row')}, {episodes}>"
+
+    def __len__(self) -> int:
+        if self.mask is None:
+            return self.stored.manifest.rows
+        return int(self.stored.episodes["length"].to_numpy()[self.mask].sum())
+
+    @property
+    def inside(self) -> Mask:
+        """Whether each episode of the dataset is selected, (episodes,)."""
+        return np.ones(len(self.stored.episodes), dtype=np.bool_) if self.mask is None else self.mask
+
+    @property
+    def episode_table(self) -> pa.Table:
+        """The selected rows of the table of episodes, without later splits."""
+        table = self.stored.episodes
+        return table if self.mask is None else table.filter(self.mask)
+
+    @public
+    def select(self, split: Split = None, *, setpoint: Setpoint = None, policy: Policy = None) -> Selection:
+        """Those of these episodes that meet further conditions, see `Dataset.select`."""
+        if split is None and setpoint is None and policy is None:
+            return self
+        splits = [] if split is None else known_splits(self.stored, split)
+        mask = self.inside & selected(self.stored, splits, setpoint, policy)
+        only = splits[0] if len(splits) == 1 and setpoint is None and policy is None else None
+        is_declared = only is not None and self.mask is None and self.stored.splits[only].declared
+        return Selection(self.stored, mask, only if is_declared else None)
+
+    def refuse_empty(self) -> None:
+        """Raise UsageError if there is no episode in it."""
+        if self.mask is not None and not self.mask.any():
+            raise UsageError(
+                "split, setpoint, policy: found no episode that meets all, expected at least one"
+            )
+
+    def rows(self, columns: Sequence[str]) -> pa.Table:
+        """These columns of all rows."""
+        parts: list[pa.Table] = []
+        for number, runs in self._shards():
+            shard = self.stored.rows(number, columns)
+            parts.extend([shard] if runs is None else (shard.slice(a, b - a) for a, b in runs))
+        return pa.concat_tables(parts).unify_dictionaries()
+
+    def batches(self, columns: Sequence[str], most: int) -> Iterator[pa.RecordBatch]:
+        """These columns of the rows in order, at most so many rows at a time."""
+        shards = ((self.stored.batches(number, columns, most), runs) for number, runs in self._shards())
+        return chain.from_iterable(rows_in(batches, runs) for batches, runs in shards)
+
+    def transitions(self, options: ViewOptions, rows: int = BLOCK_ROWS) -> Iterator[Transitions]:
+        """The transitions in order, those of whole episodes with about `rows` rows at a time.
+
+        Raises UsageError at once if the view does not fit the dataset.
+        """
+        info: Info = self.stored.info
+        batches = self.batches(needed(info, options), rows)
+        return (transitions(table, info, options) for table in whole_episodes(batches, self.place))
+
+    def column_statistics(self) -> dict[str, Any]:
+        """The statistics of each float column."""
+        if self.mask is None:
+            return self.stored.statistics.all
+        if self.declared is not None:
+            return self.stored.statistics.splits[self.declared]
+        from ibdata.dataset.statistics import of_batches  # compiles, which other readers do without
+
+        names = [column.name for column in self.stored.info.columns if column.dtype.startswith("float")]
+        return of_batches(self.batches(names, BLOCK_ROWS), names, len(self))
+
+    def _shards(self) -> list[tuple[int, Runs | None]]:
+        """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
+        if self.mask is None:
+            return [(number, None) for number in range(len(self.stored.manifest.shards))]
+        return sorted(rows_of(self.episode_table).items())
+
+
+def selected(stored: Stored, splits: Sequence[str], setpoint: Setpoint, policy: Policy) -> Mask:
+    """Whether each episode is in one of these splits, at a setpoint, and of a policy.
 
     Raises UsageError if the dataset has no such setpoint or policy.
     """
-    inside = np.full(len(episodes), split is None)
-    for first, stop in split or ():
-        inside[first:stop] = True
+    episodes = stored.episodes
+    mask = np.full(len(episodes), not splits)
+    for split in splits:
+        for first, stop in runs_of(split, stored.splits[split], stored.manifest):
+            mask[first:stop] = True
     if setpoint is not None:
         values = episodes["setpoint"].to_numpy()
-        inside &= np.isin(values, known_of("setpoint", setpoint, np.unique(values).tolist()))
+        mask &= np.isin(values, known_of("setpoint", setpoint, np.unique(values).tolist()))
     if policy is not None:
         labels = episodes["policy"].combine_chunks()
         names = labels.dictionary.to_pylist()
-        chosen = known_of("policy", policy, names)
-        inside &= np.isin(labels.indices.to_numpy(), [names.index(name) for name in chosen])
-    return inside
+        numbers = [names.index(name) for name in known_of("policy", policy, names)]
+        mask &= np.isin(labels.indices.to_numpy(), numbers)
+    return mask
 
 
-def rows_of(episodes: pa.Table, inside: Mask) -> dict[int, Runs]:
-    """The rows of the selected episodes in each shard, as runs start … stop - 1."""
-    found: dict[int, Runs] = {}
-    columns = (episodes[name].to_numpy()[inside].tolist() for name in ("shard", "row_start", "row_stop"))
+def known_splits(stored: Stored, split: Split) -> list[str]:
+    """One or several splits as a list. Raises UsageError for one that the dataset does not have."""
+    if not stored.splits:
+        raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")
+    return known_of("split", split, list(stored.splits))
+
+
+def rows_of(episodes: pa.Table) -> dict[int, Runs]:
+    """The rows of episodes in each shard, as runs start … stop - 1."""
+    by_shard: dict[int, Runs] = {}
+    columns = (episodes[name].to_numpy().tolist() for name in ("shard", "row_start", "row_stop"))
     for shard, start, stop in zip(*columns, strict=True):
-        own = found.setdefault(shard, [])
-        if own and own[-1][1] == start:
-            start = own.pop()[0]
-        own.append((start, stop))
-    return found
+        runs = by_shard.setdefault(shard, [])
+        if runs and runs[-1][1] == start:
+            start = runs.pop()[0]
+        runs.append((start, stop))
+    return by_shard
 
 
-def rows_in(batches: Iterable[pa.RecordBatch], runs: Runs | None) -> Iterator[pa.RecordBatch]:
+def rows_in(batches: Iterator[pa.RecordBatch], runs: Runs | None) -> Iterator[pa.RecordBatch]:
     """The rows of a shard that are in the runs, or all of them, from its batches in order."""
     first = 0
     for batch in batches:
@@ -65,28 +165,3 @@ def rows_in(batches: Iterable[pa.RecordBatch], runs: Runs | None) -> Iterator[pa
             if low < high:
                 yield batch.slice(low - first, high - low)
         first = stop
-
-
-def known_of(what: str, given: Any, known: Sequence[Any]) -> list[Any]:
-    """One or several names or numbers as a list. Raises UsageError for one that is not known.
-
-    >>> known_of("setpoint", 70, [20.0, 70.0]), known_of("policy", ["safe"], ["random", "safe"])
-    ([70], ['safe'])
-    """
-    wanted = list(given) if np.ndim(given) else [given]
-    for value in wanted:
-        if value not in known:
-            raise UsageError(f"{what}: found {_shown(value)}, expected {_one_of(value, known)}")
-    return wanted
-
-
-def _one_of(value: Any, known: Sequence[Any]) -> str:
-    """The known names, and the one that is similar to the value."""
-    names = [_shown(each).strip("'") for each in known]
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    near = suggestion(_shown(value).strip("'"), names)
-    return f"one of {', '.join(names[:MOST_NAMES])}{more}{near}"
-
-
-def _shown(value: Any) -> str:
-    return exact(float(value)) if isinstance(value, Real) else repr(value)

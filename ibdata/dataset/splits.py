@@ -10,9 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset import manifest
-from ibdata.dataset.models import Manifest, SplitEntry, parse
-from ibdata.dataset.models import Splits as SplitsFile
+from ibdata.dataset.models import Manifest, SplitEntry
 from ibdata.dataset.tabular import Table, Tabular
 
 Ints = npt.NDArray[np.int64]
@@ -30,27 +28,10 @@ class Splits(Tabular, dict[str, dict[str, Any]]):
         return [Table(("split", "episodes", "rows", "kind"), rows, () if rows else ["no splits"])]
 
 
-def read_splits(place: Any, listed: Manifest) -> dict[str, SplitEntry]:
-    """Read the splits of a dataset.
-
-    Raises:
-        DatasetError: The file is missing or damaged, or it does not fit the manifest.
-        BusyError: The dataset has been replaced.
-    """
-    data = manifest.content(place, listed, manifest.SPLITS)
-    manifest.refuse_replaced(place, listed)  # because the manifest does not list this file
-    try:
-        entries = parse(SplitsFile, manifest.loads(data)).root
-        _check_fit(entries, listed)
-    except ValueError as error:
-        raise manifest.wrong(place, listed, manifest.SPLITS, str(error)) from None
-    return entries
-
-
-def _check_fit(entries: Mapping[str, SplitEntry], listed: Manifest) -> None:
+def refuse_misfits(entries: Mapping[str, SplitEntry], manifest: Manifest) -> None:
     """Raise ValueError if declared splits are not those of the shards, or later ones no runs of episodes."""
     episodes, rows = Counter[str](), Counter[str]()
-    for shard in listed.shards:
+    for shard in manifest.shards:
         first, stop = shard.episodes
         for name in shard.splits:
             episodes[name] += stop - first
@@ -59,25 +40,25 @@ def _check_fit(entries: Mapping[str, SplitEntry], listed: Manifest) -> None:
         entry = entries.get(name)
         if name in episodes and entry != SplitEntry(episodes=episodes[name], rows=rows[name], declared=True):
             raise ValueError(f"{name}: found another split than the manifest lists")
-        if name not in episodes and (entry is None or entry.declared or not _holds(entry, listed)):
+        if name not in episodes and (entry is None or entry.declared or not _holds(entry, manifest)):
             raise ValueError(f"{name}: found no runs of the episodes of the dataset")
 
 
-def _holds(entry: SplitEntry, listed: Manifest) -> bool:
+def _holds(entry: SplitEntry, manifest: Manifest) -> bool:
     """Whether a later split has as many episodes as it says, in order, and all are in the dataset."""
     bounds = [bound for run in entry.runs for bound in run]
     count = sum(stop - first for first, stop in entry.runs)
     return (
         bounds == sorted(bounds)
         and 0 < entry.episodes == count
-        and bounds[-1] <= listed.shards[-1].episodes[1]
+        and bounds[-1] <= manifest.shards[-1].episodes[1]
     )
 
 
-def runs_of(name: str, entry: SplitEntry, listed: Manifest) -> list[list[int]]:
+def runs_of(name: str, entry: SplitEntry, manifest: Manifest) -> list[list[int]]:
     """The episodes of a split, as runs [first, stop]."""
     if entry.declared:
-        return [shard.episodes for shard in listed.shards if name in shard.splits]
+        return [shard.episodes for shard in manifest.shards if name in shard.splits]
     return entry.runs
 
 

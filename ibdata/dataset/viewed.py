@@ -16,30 +16,11 @@ from ibdata.dataset.models import Info
 from ibdata.dataset.stored_windows import Sizes, Source, in_folder, in_memory
 from ibdata.dataset.transitions import Transitions, as_batch, left_out, transitions
 from ibdata.dataset.windows import Windows
-from ibdata.errors import UsageError
 from ibdata.system.storage import local
 from ibdata.views.options import ViewOptions
 
 Array = npt.NDArray[Any]
 BLOCK_ROWS = 65_536
-
-
-def checked_length(length: int, name: str = "history") -> int:
-    """The number of observations in a history, or of steps. Raises UsageError if it is invalid."""
-    if length < 1:
-        raise UsageError(f"{name}: found {length!r}, expected a whole number of at least 1")
-    return length
-
-
-def checked_history(history: int, pad: str) -> bool:
-    """Check both arguments of `Dataset.arrays`; return whether rows without a full history are dropped.
-
-    Raises UsageError if one is invalid.
-    """
-    checked_length(history)
-    if pad not in ("repeat", "drop"):
-        raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
-    return pad == "drop"
 
 
 def arrays_of(

@@ -103,7 +103,7 @@ def _addresses(dataset: Any) -> Addresses:
         raise UsageError(f"dataset: found {excerpt(dataset)}, expected a Dataset, or its folder or URL")
     ds = opened(dataset)
     if ds not in _KNOWN:
-        _KNOWN[ds] = Addresses(ds)
+        _KNOWN[ds] = Addresses(ds.stored)
     return _KNOWN[ds]
 
 

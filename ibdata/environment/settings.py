@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from ibdata.arguments import public
-from ibdata.dataset.viewed import checked_length
+from ibdata.dataset.conditions import checked_length
 from ibdata.dynamics import Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
 from ibdata.errors import UsageError, excerpt

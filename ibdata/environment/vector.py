@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.viewed import checked_length
+from ibdata.dataset.conditions import checked_length
 from ibdata.dynamics import State
 from ibdata.environment.actions import continuous_actions, discrete_actions
 from ibdata.environment.replayed import Replay

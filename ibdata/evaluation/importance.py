@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.reader import Rows, readable
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.overlap import Ratios, log_ratios, parts_of, recorded_in, refuse_remembered_draws
@@ -85,12 +85,12 @@ class Importance(Tabular):
 
 @public
 def importance(
-    ds: Place,
+    ds: Rows,
     target: Any,
     *,
     discount: float = 0.97,
     steps: int | None = None,
-    split: str | None = None,
+    split: str | Sequence[str] | None = None,
     setpoint: float | Sequence[float] | None = None,
     policy: str | Sequence[str] | None = None,
     history: int = 1,
@@ -115,12 +115,12 @@ def importance(
     what the target remembers of them.
 
     Args:
-        ds: the dataset, or its folder or URL.
+        ds: the dataset, its folder or URL, or a selection of its episodes.
         target: the policy to be evaluated, as in `evaluate`; an object states its density by returning a
             `Distribution` from `decide` (docs/custom-policies.md).
         discount: the discount factor γ, in [0, 1].
         steps: only so many first steps of each episode; by default all.
-        split: only episodes of this split.
+        split: only episodes of this split, or of these.
         setpoint: only episodes at this setpoint, or at these; moving ones count by their first value.
         policy: only episodes of the policy with this label, or with these.
         history: the number of observations that an object sees, if it has no `needs`.
@@ -138,18 +138,18 @@ def importance(
     discount = checked_discount(discount)
     evaluated = policy_of(target, history, allow_code)
     refuse_unused(history, [target])
-    ds = opened(ds)
-    source = Source(ds, consented_spec(ds, ds.manifest_model, allow_code))
-    episodes = np.flatnonzero(ds.selected(split, setpoint, policy))
-    if not len(episodes):
-        raise UsageError("split, setpoint, policy: found no episode that meets all, expected at least one")
+    selection = readable(ds).select(split, setpoint=setpoint, policy=policy)
+    selection.refuse_empty()
+    stored = selection.stored
+    source = Source(stored, consented_spec(stored, allow_code))
+    episodes = np.flatnonzero(selection.inside)
     steps = _horizon(steps, source.lengths[episodes])
     parts = list(parts_of(source, episodes, steps))
     behaviours = {id(part.behaviour): part.behaviour for part in parts}.values()
     ratios, rewards = Ratios(*np.empty((2, len(episodes), steps))), np.empty((len(episodes), steps))
     with loaded([evaluated, *behaviours]):
         objects = [part for behaviour in behaviours for part in user_objects_in(behaviour)]
-        refuse_changed(ds.manifest_model.code, objects, ds.place)
+        refuse_changed(stored.manifest.code, objects, stored.name)
         if any(evaluated.form() != behaviour.form() for behaviour in behaviours):
             refuse_remembered_draws(evaluated)
         for experiment, numbers, places in parts:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.reader import Rows, readable
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns
 from ibdata.dynamics import Noise, State, Variant, step
@@ -60,8 +60,8 @@ class NoiseFloor(Tabular):
 
 @public
 def noise_floor(
-    ds: Place,
-    split: str | None = None,
+    ds: Rows,
+    split: str | Sequence[str] | None = None,
     *,
     setpoint: float | Sequence[float] | None = None,
     policy: str | Sequence[str] | None = None,
@@ -79,8 +79,8 @@ def noise_floor(
     the next one counts as known.
 
     Args:
-        ds: The dataset, or its folder or URL.
-        split: Only rows of this split.
+        ds: The dataset, its folder or URL, or a selection of its episodes.
+        split: Only rows of this split, or of these.
         setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
         policy: Only rows of the policy with this label, or with these.
 
@@ -93,10 +93,11 @@ def noise_floor(
             another `eta_squash` than the published ones.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    source = Source(ds)
+    selection = readable(ds).select(split, setpoint=setpoint, policy=policy)
+    source = Source(selection.stored)
     names = ["episode", "step", *ACTIONS, "next_obs_setpoint"]
     moments = []
-    for batch in opened(ds).iter_batches(names, split, BATCH_ROWS, setpoint=setpoint, policy=policy):
+    for batch in selection.iter_batches(names, batch_rows=BATCH_ROWS):
         episodes, steps, p = (batch[x].to_numpy() for x in ("episode", "step", "next_obs_setpoint"))
         actions, laws = stacked_columns(batch, ACTIONS), np.empty((len(p), 3, 2))
         states = source.visited(episodes, steps, Constant()).state  # any policy that sees nothing
@@ -106,8 +107,6 @@ def noise_floor(
                 state = state.replace(setpoint=p[places], drift_left=np.full(len(places), NO_DRIFT))
             laws[places] = _law(state, actions[places], experiment.variant)
         moments.append(laws)
-    if not moments:
-        raise UsageError("split, setpoint, policy: found no row that meets all, expected at least one")
     mean, deviation, absolute = np.moveaxis(np.concatenate(moments), 1, 0)
     errors = zip(QUANTITIES, np.sqrt((deviation**2).mean(axis=0)), absolute.mean(axis=0), strict=True)
     return NoiseFloor([Floor(x, float(a), float(b)) for x, a, b in errors], mean, deviation, absolute)

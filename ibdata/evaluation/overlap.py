@@ -59,10 +59,10 @@ def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
 
 def recorded_in(source: Source, episodes: Ints, steps: int) -> tuple[Recorded, Floats, Floats]:
     """What was seen and done in the first steps of episodes, and the rewards and log densities (n, steps)."""
-    info = source.ds.info_model
+    info = source.stored.info
     observed, acted = info.names("observation"), info.names("action")
     names, counts = [*observed, *acted, "reward", "action_log_prob"], np.full(len(episodes), steps)
-    *values, reward, log_prob = source.stored(names, episodes, counts, np.dtype(np.float64))
+    *values, reward, log_prob = source.columns(names, episodes, counts, np.dtype(np.float64))
     rows = np.stack(values, axis=2).astype(np.float32)
     return Recorded(rows[..., : len(observed)], rows[..., len(observed) :]), reward, log_prob
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.reader import Rows, readable
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.noise_floor import QUANTITIES, NoiseFloor, noise_floor
@@ -59,9 +59,9 @@ class ModelScores(Tabular):
 
 @public
 def score_model(
-    ds: Place,
+    ds: Rows,
     model: Callable[..., Any],
-    split: str | None = None,
+    split: str | Sequence[str] | None = None,
     *,
     steps: int | Sequence[int] = (1, 10),
     history: int = 1,
@@ -76,11 +76,11 @@ def score_model(
     several steps is that of the last one: for fatigue a lower bound.
 
     Args:
-        ds: The dataset, or its folder or URL.
+        ds: The dataset, its folder or URL, or a selection of its episodes.
         model: A callable `model(observations, actions)` of float32 observations (n, 6 · history), newest
             first, and actions (n, 3). It returns fatigue and consumption (n, 2) of the next step, or a tuple
             of these and their standard deviations (n, 2), which give a likelihood.
-        split: Only rows of this split.
+        split: Only rows of this split, or of these.
         steps: After how many steps predictions are scored: one number or several.
         history: The number of observations that the model sees.
         setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
@@ -94,12 +94,11 @@ def score_model(
         PolicyError: The model returned no finite numbers of this shape.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    ds = opened(ds)
+    selection = readable(ds).select(split, setpoint=setpoint, policy=policy)
     horizons = np.unique(whole("steps", steps))
     if not horizons.size or horizons[0] < 1:
         raise UsageError(f"steps: found {steps}, expected whole numbers of at least 1")
-    arrays = ds.arrays(history, split, setpoint=setpoint, policy=policy)
-    floor = noise_floor(ds, split, setpoint=setpoint, policy=policy)
+    arrays, floor = selection.arrays(history), noise_floor(selection)
     episode, after = arrays["episode"], arrays["next_observations"][:, PREDICTED].astype(np.float64)
     results: list[ModelScore] = []
     for horizon in horizons.tolist():

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Dataset, Place, opened
+from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.stored import Stored
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment
@@ -28,11 +29,11 @@ from ibdata.writing.planned import refuse_other_plan
 class Addresses:
     """The addresses of a dataset's episodes. Raises DatasetError if this ibdata makes other episodes."""
 
-    def __init__(self, ds: Dataset, spec: DatasetSpec | None = None) -> None:
-        self._spec = spec or spec_in(ds, ds.manifest_model)
-        refuse_other_plan(self._spec, ds.manifest_model)
+    def __init__(self, stored: Stored, spec: DatasetSpec | None = None) -> None:
+        self._spec = spec or spec_in(stored)
+        refuse_other_plan(self._spec, stored.manifest)
         names = ("length", "shard", "row_start")
-        self.lengths, self.shards, self.starts = (ds.episode_table[name].to_numpy() for name in names)
+        self.lengths, self.shards, self.starts = (stored.episodes[name].to_numpy() for name in names)
 
     def episodes(self, numbers: Any) -> Ints:
         """Numbers of episodes as an array (n,). Raises UsageError if the dataset has no such episode."""
@@ -73,16 +74,16 @@ def state_at(ds: Place, rows: Any) -> State:
         UsageError: There is no such row.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    source = Source(ds)
+    source = Source(opened(ds).stored)
     return source.visited(*source.places(rows), Constant()).state  # any policy that sees nothing
 
 
 class Source(Addresses):
     """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
 
-    def __init__(self, ds: Place, spec: DatasetSpec | None = None) -> None:
-        self.ds = opened(ds)
-        super().__init__(self.ds, spec)
+    def __init__(self, stored: Stored, spec: DatasetSpec | None = None) -> None:
+        self.stored = stored
+        super().__init__(stored, spec)
 
     def places(self, rows: Any) -> tuple[Ints, Ints]:
         """Episodes and steps (n,) of rows as `state_at` takes them. Raises UsageError if there is none."""
@@ -140,11 +141,11 @@ class Source(Addresses):
         np.maximum.at(counts, lanes, steps + 1)
         places = layout(experiment)
         names = [name for i, name in enumerate(places.names) if i != places.log_prob]
-        stored = self.stored(names, episodes, counts, np.dtype(experiment.output.dtype))
+        stored = self.columns(names, episodes, counts, np.dtype(experiment.output.dtype))
         actions = stored[places.first_action : places.first_action + 3].transpose(2, 1, 0)
         for row, lane, _ in np.argwhere(~(np.abs(actions) <= 1.0))[:1].tolist():
             raise DatasetError(
-                f"{self.ds.place}: episode {episodes[lane]}: step {row}: found the action "
+                f"{self.stored.name}: episode {episodes[lane]}: step {row}: found the action "
                 f"{actions[row, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
             )
         actions = np.ascontiguousarray(actions, dtype=np.float32)
@@ -153,14 +154,14 @@ class Source(Addresses):
         differing = (stored != simulated) & (np.arange(len(actions)) < counts[:, None])
         for lane, row, column in np.argwhere(differing.transpose(1, 2, 0))[:1].tolist():
             stored_value, expected = (float(x[column, lane, row]) for x in (stored, simulated))
-            address = f"{self.ds.place}: episode {episodes[lane]}: step {row}: {names[column]}"
+            address = f"{self.stored.name}: episode {episodes[lane]}: step {row}: {names[column]}"
             raise DatasetError(
                 f"{address}: found {stored_value!r}, "
                 f"expected {expected!r}, which the simulation gives; see ibdata validate"
             )
         return carry
 
-    def stored(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> Table:
+    def columns(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> Table:
         """The first rows of episodes, as many as `counts` says, (columns, episodes, rows); the rest is 0."""
         steps = np.arange(int(counts.max()))
         rows = np.where(steps < counts[:, None], self.starts[episodes][:, None] + steps, -1)
@@ -169,7 +170,7 @@ class Source(Addresses):
         for shard in np.unique(shards).tolist():
             here = (rows >= 0) & (shards == shard)[:, None]
             first, stop = int(rows[here].min()), int(rows[here].max()) + 1
-            for batch in self.ds.shard_batches(shard, names, BATCH_ROWS, first, stop):
+            for batch in self.stored.batches(shard, names, BATCH_ROWS, first, stop):
                 inside = here & (rows >= first) & (rows < first + batch.num_rows)
                 for into, column in zip(out, batch.columns, strict=True):
                     into[inside] = column.to_numpy(zero_copy_only=False)[rows[inside] - first]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Place
+from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.play import Floats, checked_discount, returns_of
@@ -189,7 +189,7 @@ def true_values(
         PolicyError: The policy failed, or returned no valid action.
     """
     discount = checked_discount(discount)
-    policies, source = list(policies_of(policy, history, allow_code).values()), Source(ds)
+    policies, source = list(policies_of(policy, history, allow_code).values()), Source(opened(ds).stored)
     if len(policies) != 1:
         raise UsageError(f"policy: found {len(policies)} policies, expected one policy")
     [acting] = policies

@@ -16,7 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ibdata.dataset.models import Code, Manifest
+from ibdata.dataset.models import Code
+from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, printable, say
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies import Policy
@@ -32,7 +33,6 @@ from ibdata.policies.custom import Custom
 from ibdata.policies.live import Live
 from ibdata.policies.user_object import UserObject
 from ibdata.system.files import file_sha256
-from ibdata.system.storage import storage
 
 OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
 
@@ -110,10 +110,10 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(item)
 
 
-def consented_spec(location: Any, manifest: Manifest, allow_code: bool) -> DatasetSpec:
+def consented_spec(stored: Stored, allow_code: bool) -> DatasetSpec:
     """Read the specification of a dataset whose episodes are made again, after `require_consent`."""
-    spec = spec_in(location, manifest)
-    require_consent(spec, storage(location).name, allow_code, again=True)
+    spec = spec_in(stored)
+    require_consent(spec, stored.name, allow_code, again=True)
     return spec
 
 

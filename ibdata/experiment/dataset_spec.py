@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from ibdata.dataset import manifest as manifest_file
-from ibdata.dataset.models import Manifest
-from ibdata.dataset.splits import read_splits
+from ibdata.dataset import manifest
+from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
@@ -146,31 +145,32 @@ class DatasetSpec:
         return DatasetSpec(self.name, tuple(experiments))
 
 
-def declared_spec(location: Any, manifest: Manifest) -> DatasetSpec:
+def declared_spec(stored: Stored) -> DatasetSpec:
     """Read the specification in the manifest of a dataset, and the weights files of the dataset.
 
     Raises DatasetError if it is not valid or weights are missing.
     """
-    paths = [path for path in manifest.entries() if manifest_file.WEIGHTS.fullmatch(path)]
-    weights = {path: manifest_file.listed_content(location, manifest, path) for path in paths}
+    paths = [path for path in stored.manifest.entries() if manifest.WEIGHTS.fullmatch(path)]
+    weights = {path: stored.read(path) for path in paths}
     try:
-        return DatasetSpec.from_plain(manifest.model_dump(include={"name", "experiments"}), weights)
+        plain = stored.manifest.model_dump(include={"name", "experiments"})
+        return DatasetSpec.from_plain(plain, weights)
     except ValidationError as error:
-        raise damaged(location, manifest_file.PATH, f"experiments: {_first_line(error)}") from None
+        raise damaged(stored.storage, manifest.PATH, f"experiments: {_first_line(error)}") from None
 
 
-def spec_in(location: Any, manifest: Manifest) -> DatasetSpec:
+def spec_in(stored: Stored) -> DatasetSpec:
     """Read the specification as `declared_spec` does, and the later splits.
 
     Raises DatasetError also if those splits are not valid.
     """
-    spec, entries = declared_spec(location, manifest), read_splits(location, manifest)
+    spec, entries = declared_spec(stored), stored.splits
     try:
         later = {
             name: Split.model_validate(entry.split) for name, entry in entries.items() if not entry.declared
         }
     except ValidationError as error:
-        raise manifest_file.wrong(location, manifest, manifest_file.SPLITS, _first_line(error)) from None
+        raise stored.error(manifest.SPLITS, _first_line(error)) from None
     return replace(spec, later=later)
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import os
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ibdata.arguments import public
 
 if TYPE_CHECKING:
-    from ibdata.dataset.reader import Place
+    from ibdata.dataset.reader import Rows
     from ibdata.exporters._view import View as View
 
 FORMATS = tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
@@ -46,28 +46,28 @@ class Exported(NamedTuple):
 
 @public
 def export(
-    dataset: Place,
+    dataset: Rows,
     to: str,
     out: str | os.PathLike[str],
     *,
-    split: str | None = None,
+    split: str | Sequence[str] | None = None,
     history: int | None = None,
     id: str | None = None,
     overwrite: bool = False,
     progress: bool | None = False,
     view: Mapping[str, Any] | None = None,
 ) -> Exported:
-    """Write a dataset, or a split of it, in the format of another library.
+    """Write a dataset, or a part of it, in the format of another library.
 
     Every transition is kept, unless a view observes hidden columns that the dataset does not have after the
     last row of an episode; `left_out` counts these rows. `out` appears only when it is complete; nothing is
     left behind on failure.
 
     Args:
-        dataset: A `Dataset`, or the path of one.
+        dataset: A dataset, its folder or URL, or a selection of its episodes.
         to: The format: one of `FORMATS`, or one that an installed package adds.
         out: The file or folder to write; for `minari` the root folder, which gets a folder named `id`.
-        split: Only this split; by default all rows.
+        split: Only this split, or these; by default all rows.
         history: How many observations to stack, newest first; 1 unless the format has another default.
         id: For `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
         overwrite: Whether to replace an export, a file or a folder, at `out`; nothing else is replaced.
@@ -85,8 +85,8 @@ def export(
         BusyError: Another process exports to this path.
         IbdataError: The system refuses to write.
     """
-    from ibdata.dataset.reader import opened
-    from ibdata.dataset.viewed import checked_length
+    from ibdata.dataset.conditions import checked_length
+    from ibdata.dataset.reader import readable
     from ibdata.errors import UsageError
     from ibdata.exporters._target import whole
     from ibdata.exporters._view import View
@@ -99,7 +99,9 @@ def export(
         history = getattr(format, "HISTORY", 1)
     history = checked_length(history)
     options = view_of(view)
-    shown = View(opened(dataset), split, history, options, progress)
+    rows = readable(dataset)
+    is_split = rows.select().mask is None
+    shown = View(rows.select(split), split if is_split else None, history, options, progress)
     more = {} if id is None else {"id": id}
     if more and not hasattr(format, "place"):
         raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")

@@ -1,8 +1,8 @@
-"""The data of an export: a dataset or a split of it, in blocks of whole episodes, in constant memory."""
+"""The data of an export: the rows of a selection, in blocks of whole episodes, in constant memory."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.selection import Selection
 from ibdata.dataset.transitions import left_out, needed, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, identity
 from ibdata.system.progress import bar
@@ -40,34 +40,33 @@ ARRAYS = Block._fields[:-1]
 
 
 class View:
-    """A dataset or a split of it, with stacked frames and the rewards of a view.
+    """The rows of a selection, with stacked frames and the rewards of a view.
 
-    Raises UsageError for an unknown split, and for columns that the dataset does not have.
+    Raises UsageError for columns that the dataset does not have, and for an empty selection.
     """
 
     def __init__(
         self,
-        dataset: Dataset,
-        split: str | None = None,
+        selection: Selection,
+        split: str | Sequence[str] | None = None,
         history: int = 1,
         options: ViewOptions = PLAIN,
         progress: bool | None = False,
     ) -> None:
-        self.dataset = dataset
-        self.split = split
+        self.selection = selection
+        self.split = split  # by which it was selected, for the metadata of the export
         self.history = history
         self.options = options
         self.progress = progress
-        self.info = info = dataset.info_model
+        self.info = info = selection.stored.info
         self.frame = options.frame(info.drifting)  # the names of the numbers of a frame
         self.beside = [column.name for column in info.columns if column.role in BESIDE]
         # Columns that are measured imperfectly, whose true values are exported too.
         self.clean = [x for x in options.columns(info.drifting) if x in options.imperfections.columns]
 
         self._needed = needed(info, options)
-        dataset.iter_batches(["step"], split)  # reads nothing yet, but refuses an unknown split
-        self._chosen = dataset.selected(split)
-        self.table = dataset.episodes[self._chosen]  # one row per episode that is exported
+        selection.refuse_empty()
+        self.table = selection.episodes  # one row per episode that is exported
         lengths: Array = self.table["length"].to_numpy() - left_out(info, options)
         self.lengths = lengths[lengths > 0]  # transitions per episode; one without any is not exported
         self.episodes = len(self.lengths)
@@ -83,23 +82,24 @@ class View:
     def plain(self) -> dict[str, Any]:
         """What the export shows, as JSON data for its own metadata.
 
-        Imperfections depend on the numbers of the episodes, so with them `episodes` is a hash of their order.
+        Of a selection that is no split, `episodes` is a hash of the episodes. So it is with imperfections, as
+        these depend on the numbers of the episodes.
         """
         shown: dict[str, Any] = {
-            "content_root": self.dataset.content_root,
+            "content_root": self.selection.content_root,
             "split": self.split,
             "history": self.history,
         }
-        if self.options.imperfections:
-            shown["episodes"] = identity(self.dataset.episode_table.filter(self._chosen))
+        if self.options.imperfections or (self.split is None and self.selection.mask is not None):
+            shown["episodes"] = identity(self.selection.episode_table)
         return shown | self.options.plain(self.info.drifting)
 
     def tables(self, columns: list[str]) -> Iterator[pa.Table]:
         """Yield the rows in order, in tables of whole episodes, with these columns and those of the view."""
         names = list(dict.fromkeys([*columns, *self._needed]))
-        batches = self.dataset.iter_batches(names, self.split, max(1, BLOCK_ROWS // self.history))
+        batches = self.selection.iter_batches(names, batch_rows=max(1, BLOCK_ROWS // self.history))
         with bar(self.progress, self.rows + self.left_out, "rows") as advance:
-            for table in whole_episodes(batches, self.dataset.place):
+            for table in whole_episodes(batches, self.selection.place):
                 yield table
                 advance(table.num_rows)
 

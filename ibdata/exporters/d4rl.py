@@ -26,7 +26,7 @@ def export(view: View, path: Path, target: Path) -> str:
     with h5py.File(path, "x") as file:
         file.attrs["ibdata_version"] = __version__
         file.attrs["name"] = view.info.name
-        file.attrs["content_root"] = view.dataset.content_root
+        file.attrs["content_root"] = view.selection.content_root
         file.attrs["reward_scale"] = view.options.reward_scale
         file.attrs["view"] = json.dumps(view.plain())
         file.attrs["history"] = view.history

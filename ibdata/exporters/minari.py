@@ -121,7 +121,7 @@ def _spaces(view: View) -> tuple[Any, Any]:
 
 def _experiments(view: View) -> list[dict[str, Any]]:
     """The experiments of the exported episodes."""
-    experiments = declared_spec(view.dataset, view.dataset.manifest_model).experiments
+    experiments = declared_spec(view.selection.stored).experiments
     stops = np.cumsum([len(experiment.cells) * experiment.episodes for experiment in experiments])
     numbers = np.unique(np.searchsorted(stops, view.table.index, side="right"))
     return [experiments[number].plain() for number in numbers]
@@ -158,7 +158,7 @@ def _environment(view: View, experiments: list[dict[str, Any]]) -> Any:
 def _metadata(view: View, name: str) -> dict[str, Any]:
     from minari import __version__ as minari_version
 
-    source, root = view.info.name, view.dataset.content_root
+    source, root = view.info.name, view.selection.content_root
     return {
         "dataset_id": name,
         "minari_version": minari_version,

@@ -8,11 +8,13 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
+from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.policies.live import without_runs
 from ibdata.system.files import part_of
 from ibdata.system.part import refusals
+from ibdata.system.storage import Storage
 from ibdata.writing.edited import EDITABLE, is_users
 
 
@@ -102,7 +104,7 @@ def present(target: Path, place: Path, experiment: Experiment, overwrite: bool) 
     if manifest.EXPERIMENT not in listed.entries():
         same = False  # a merged dataset
     else:
-        same = manifest.listed_content(target, listed, manifest.EXPERIMENT) == as_yaml(experiment)
+        same = Stored(Storage(target), listed).read(manifest.EXPERIMENT) == as_yaml(experiment)
     if not same and [without_runs(each) for each in listed.experiments] == [without_runs(experiment.plain())]:
         raise TakenError(
             f"{place}: holds the dataset of another object of this Python session, or of the same before it "

@@ -45,8 +45,8 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
     """
     path = local(existing(folder))
     dataset = Dataset(path)
-    listed = dataset.manifest_model
-    spec = spec_in(path, listed)
+    listed = dataset.stored.manifest
+    spec = spec_in(dataset.stored)
     refuse_other_plan(spec, listed)
     measured = quality(dataset)  # before the lock, as the pictures: it may take minutes
     report = why = None
@@ -56,10 +56,10 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
         why = str(error)
     version = printable(listed.versions.get("ibdata", __version__))
     made = readme(
-        spec, unread_shards(spec, listed), dataset.content_root, dataset.episode_table, version, measured
+        spec, unread_shards(spec, listed), dataset.content_root, dataset.stored.episodes, version, measured
     )
     with locked_part(resolved(path), path):
-        manifest.refuse_replaced(path, listed)
+        dataset.stored.refuse_replaced()
         keep_edited(manifest.CARD, path, path)
         write(path, manifest.CARD, made)
         if report is None:

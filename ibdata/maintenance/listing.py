@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata.dataset import manifest
+from ibdata.dataset.stored import Stored
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import load
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
@@ -84,9 +85,10 @@ def _is_new(root: Path, folder: Path, seen: set[str]) -> bool:
 
 def _finished(path: Path) -> Listed:
     try:
-        listed = manifest.read(path)
+        stored = Stored.open(path)
+        listed = stored.manifest
         total = sum(file.bytes for file in listed.files)
-        return _of(path, declared_spec(path, listed), "finished", listed.rows, listed.content_root, total)
+        return _of(path, declared_spec(stored), "finished", listed.rows, listed.content_root, total)
     except IbdataError:
         return Listed(path, "damaged", None, None, [], [], _size(path), None)
 

@@ -37,7 +37,7 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
     if len(folders) < 2:
         raise UsageError(f"merge: found {counted(len(folders), 'dataset')}, expected at least 2")
     datasets = [Dataset(folder) for folder in folders]
-    recipes = [spec_in(d, d.manifest_model).all_declared() for d in datasets]
+    recipes = [spec_in(d.stored).all_declared() for d in datasets]
     sources = [each for d, spec in zip(datasets, recipes, strict=True) for each in sources_of(d, spec)]
     experiments = tuple(experiment for spec in recipes for experiment in spec.experiments)
     for b, y in zip(experiments[1:], sources[1:], strict=True):
@@ -83,7 +83,7 @@ def _refuse_shared_episodes(experiments: Sequence[Experiment], sources: Sequence
 def _refuse_equal_digests(datasets: list[Dataset]) -> None:
     owners: dict[bytes, Dataset] = {}
     for dataset in datasets:
-        for episode, digest in enumerate(dataset.digests):
+        for episode, digest in enumerate(dataset.stored.episodes["digest"].to_pylist()):
             if digest in owners:
                 raise UsageError(
                     f"{dataset.place}: episode {episode} is also in {owners[digest].place}; "

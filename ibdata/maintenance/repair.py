@@ -9,6 +9,7 @@ from pathlib import Path
 from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
+from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
@@ -60,25 +61,25 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     """
     refuse_workers(workers)
     place = local(existing(folder))
-    listed = _manifest(place)
-    for problem in unlisted_files(storage(place), listed):
+    stored = _stored(place)
+    for problem in unlisted_files(stored):
         raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
-    spec = _spec(place, listed)
-    refuse_other_plan(spec, listed)
-    broken = _broken(place, listed)
+    spec = _spec(stored)
+    refuse_other_plan(spec, stored.manifest)
+    broken = _broken(stored)
     if not broken:
         return []
     with locked_part(resolved(place), place) as part:
-        manifest.refuse_replaced(part.target, listed)
+        stored.refuse_replaced()
         missing = [path for path in broken if not os.path.lexists(part.target / path)]
         try:
-            entries = _repaired(part, spec, listed, broken, workers, allow_code)
+            entries = _repaired(part, spec, stored.manifest, broken, workers, allow_code)
             for path in missing:
                 keep_access(part.target / manifest.PATH, part.target / path)
         finally:
             remove(part.folder / REPAIR)
-        if entries != listed.entries():
-            write(part.target, manifest.PATH, rewritten_manifest(listed, entries))
+        if entries != stored.manifest.entries():
+            write(part.target, manifest.PATH, rewritten_manifest(stored.manifest, entries))
         _refuse_broken(place)
     return broken
 
@@ -90,19 +91,20 @@ def _refuse_broken(place: Path) -> None:
         raise DatasetError(f"{place / problem.path}: {again}; make the dataset again with generate")
 
 
-def _manifest(place: Path) -> Manifest:
+def _stored(place: Path) -> Stored:
     try:
-        return manifest.read(place)
+        return Stored.open(place)
     except DatasetError as error:
         again = f"ibdata generate --config {place / manifest.EXPERIMENT} --out NEW makes the dataset again"
         known = os.path.isfile(place / manifest.EXPERIMENT)
         raise DatasetError(f"{error}; {again}" if known else str(error)) from None
 
 
-def _broken(folder: Path, listed: Manifest) -> list[str]:
+def _broken(stored: Stored) -> list[str]:
     """The paths of the files that are missing, or not as the manifest lists them."""
-    broken = [path for path, entry in listed.entries().items() if _entry(folder, path) != entry]
-    if any(splits_problems(storage(folder), listed)):
+    entries = stored.manifest.entries()
+    broken = [path for path, entry in entries.items() if _entry(stored.storage.path, path) != entry]
+    if any(splits_problems(stored)):
         broken.append(manifest.SPLITS)
     return broken
 
@@ -112,15 +114,15 @@ def _entry(folder: Path, path: str) -> FileEntry | None:
     return storage(folder).entry(path)
 
 
-def _spec(folder: Path, listed: Manifest) -> DatasetSpec:
-    entries = listed.entries()
+def _spec(stored: Stored) -> DatasetSpec:
+    folder, entries = stored.storage.path, stored.manifest.entries()
     for path in entries:
         if manifest.WEIGHTS.fullmatch(path) and _entry(folder, path) != entries[path]:
             raise DatasetError(
                 f"{folder / path}: missing or damaged, and weights cannot be made again; copy the file with "
                 f"the SHA-256 {entries[path].sha256} there, then repair"
             )
-    return declared_spec(folder, listed)
+    return declared_spec(stored)
 
 
 def _repaired(

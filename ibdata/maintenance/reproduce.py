@@ -10,15 +10,15 @@ from collections.abc import Iterator
 from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import episode_digests
-from ibdata.dataset.episodes import read_episodes
 from ibdata.dataset.models import Manifest
+from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError
 from ibdata.experiment.code import changed_here, consented_spec, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.worker import process_for
-from ibdata.system.storage import existing, local, storage
+from ibdata.system.storage import existing, local
 from ibdata.validation.files import changed_files
 from ibdata.validation.rules import Problem
 from ibdata.writing.arrow import digest_runs
@@ -50,18 +50,17 @@ def reproduce(
         DatasetError: There is no finished dataset, or it is of another data version.
         UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
     """
-    path = local(existing(folder))
-    listed = manifest.read(path)
-    spec = consented_spec(path, listed, allow_code)
+    stored = Stored.open(local(existing(folder)))
+    listed = stored.manifest
+    spec = consented_spec(stored, allow_code)
     refuse_other_plan(spec, listed)
-    table = read_episodes(path, listed)
-    digests, shards, rows = (table[name].to_pylist() for name in ("digest", "shard", "row_start"))
+    digests, shards, rows = (stored.episodes[name].to_pylist() for name in ("digest", "shard", "row_start"))
     problems = list(_root(spec, listed, digests))
     asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
-    problems += changed_files(storage(path), listed, {listed.shards[part.number].path for part in asked})
+    problems += changed_files(stored, {listed.shards[part.number].path for part in asked})
     names = changed_here(spec, listed.code)
     if names:
-        found = f"ibdata: {path}: was made with other code than is here, in {names_of(names)}"
+        found = f"ibdata: {stored.name}: was made with other code than is here, in {names_of(names)}"
         print(found, file=sys.stderr, flush=True)
     with process_for(spec) as process:
         clipped, differing = process.call(_made_again, asked, digests)

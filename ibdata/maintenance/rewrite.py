@@ -63,7 +63,7 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
         for shard in spec.shards:
             written.append(_copied(spec, shard, sources[shard.experiment], made))
             check()
-        listed = list({id(source.dataset): source.dataset.manifest_model for source in sources}.values())
+        listed = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
         code = [each for one in listed for each in one.code]
         clipped = sum(one.clipped_actions for one in listed)
         finish(spec, written, made, all(one.reproducible for one in listed), code, clipped)
@@ -97,16 +97,16 @@ def _parts(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[tuple[Sh
 def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[pa.RecordBatch]:
     names, steps = layout(experiment).names, experiment.steps
     first, stop = source.first + shard.first, source.first + shard.stop
-    for number, listed in enumerate(source.dataset.manifest_model.shards):
+    for number, listed in enumerate(source.dataset.stored.manifest.shards):
         low, high = max(first, listed.episodes[0]), min(stop, listed.episodes[1])
         if low < high:
             start, end = ((episode - listed.episodes[0]) * steps for episode in (low, high))
-            yield from source.dataset.shard_batches(number, names, BATCH_ROWS, start, end)
+            yield from source.dataset.stored.batches(number, names, BATCH_ROWS, start, end)
 
 
 def _refuse_changed(w: WrittenShard, source: Source) -> None:
     first, count = source.first + w.shard.first, w.shard.stop - w.shard.first
-    if w.content.digests != source.dataset.episode_table["digest"].slice(first, count).to_pylist():
+    if w.content.digests != source.dataset.stored.episodes["digest"].slice(first, count).to_pylist():
         raise _changed(source)
 
 
@@ -121,9 +121,9 @@ def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
     Raises BusyError if the dataset is being written, or was replaced meanwhile.
     """
     refuse_url(dataset)
-    listed = dataset.manifest_model
+    listed = dataset.stored.manifest
     refuse_other_plan(spec, listed)
     with locked_part(resolved(dataset.path), dataset.place):
-        manifest.refuse_replaced(dataset, listed)
+        dataset.stored.refuse_replaced()
         write(dataset.path, manifest.SPLITS, metadata.splits_file(spec))
     return Dataset(dataset)

@@ -75,7 +75,7 @@ def split(
         DatasetError: The dataset is damaged.
     """
     dataset = opened(folder)
-    spec = spec_in(dataset, dataset.manifest_model)
+    spec = spec_in(dataset.stored)
     remove = [remove] if isinstance(remove, str) else remove
     points = {"source": _several(source), "target": _several(target)}
     options: dict[str, Any] = {"scheme": scheme, **points, "shots": shots}

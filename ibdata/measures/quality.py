@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.reader import Rows, readable
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns, whole_episodes
-from ibdata.errors import UsageError
 from ibdata.measures.coverage import Coverage, state_numbers
 from ibdata.measures.returns import MEANING as RETURN_MEANING
 from ibdata.measures.returns import return_measures
@@ -62,8 +61,8 @@ class Quality(Tabular):
 
 @public
 def quality(
-    ds: Place,
-    split: str | None = None,
+    ds: Rows,
+    split: str | Sequence[str] | None = None,
     *,
     setpoint: float | Sequence[float] | None = None,
     policy: str | Sequence[str] | None = None,
@@ -76,8 +75,8 @@ def quality(
     grid and reference data, and the values of the shipped sets.
 
     Args:
-        ds: The dataset, or its folder or URL.
-        split: Only episodes of this split.
+        ds: The dataset, its folder or URL, or a selection of its episodes.
+        split: Only episodes of this split, or of these.
         setpoint: Only episodes at this setpoint, or at these; moving ones count by their first value.
         policy: Only episodes of the policy with this label, or with these.
 
@@ -89,15 +88,12 @@ def quality(
         UsageError: The dataset has no such split, setpoint or policy, or no such episode.
         DatasetError: A file is missing or damaged.
     """
-    ds = opened(ds)
+    selection = readable(ds).select(split, setpoint=setpoint, policy=policy)
     names = ["obs_setpoint", *STEERINGS, *ACTIONS, DENSITY, "step", "terminated", "truncated"]
-    batches = ds.iter_batches(names, split, BATCH_ROWS, setpoint=setpoint, policy=policy)
-    episodes = ds.episode_table.filter(ds.selected(split, setpoint, policy))
-    if not len(episodes):
-        raise UsageError("split, setpoint, policy: found no episode that meets all, expected at least one")
+    batches, episodes = selection.iter_batches(names, batch_rows=BATCH_ROWS), selection.episode_table
     coverage, stochasticity, entropies = Coverage(), Stochasticity(), []
     rows = 0
-    for table in whole_episodes(batches, ds.place):
+    for table in whole_episodes(batches, selection.place):
         at = table["obs_setpoint"].to_numpy()
         steerings, actions = (stacked_columns(table, x).astype(np.float64) for x in (STEERINGS, ACTIONS))
         lengths = np.diff(np.flatnonzero(np.append(table["step"].to_numpy() == 0, True)))
@@ -110,7 +106,7 @@ def quality(
     return Quality(
         rows,
         len(episodes),
-        *return_measures(episodes, ds.info_model),
+        *return_measures(episodes, selection.stored.info),
         pairs / reference_pairs,
         stochasticity.value,
         entropy if math.isfinite(entropy) else None,

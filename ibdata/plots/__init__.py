@@ -15,7 +15,8 @@ from ibdata.errors import IbdataError, UsageError
 from ibdata.system.storage import local
 
 if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset, Place
+    from ibdata.dataset.readable import Readable
+    from ibdata.dataset.reader import Rows
 
 FOLDER = "figures"
 DYNAMICS = ("siemens", "paper")
@@ -88,7 +89,7 @@ def figure(
 
 @public
 def plot(
-    dataset: Place,
+    dataset: Rows,
     out: str | os.PathLike[str] | None = None,
     form: str = "png",
     overwrite: bool = False,
@@ -101,7 +102,7 @@ def plot(
     constant memory.
 
     Args:
-        dataset: a dataset or its folder.
+        dataset: a dataset, its folder or URL, or a selection of its episodes.
         out: the folder for the pictures; by default figures/<name of the dataset's folder>.
         form: "png" or "svg".
         overwrite: whether to replace existing files.
@@ -116,10 +117,10 @@ def plot(
         ImportError: matplotlib is not installed.
         IbdataError: a file cannot be written.
     """
-    from ibdata.dataset.reader import opened
+    from ibdata.dataset.reader import readable
 
     _one_of("form", form, FORMS)
-    shown = opened(dataset)
+    shown = readable(dataset)
     name = os.path.basename(os.path.abspath(shown.place.partition("?")[0]))  # of a folder or in a URL
     folder = Path(FOLDER, name) if out is None else local(out)
     paths = {name: folder / f"{name}.{form}" for name in _of(shown)}
@@ -130,7 +131,7 @@ def plot(
     return Pictures(paths.values())
 
 
-def drawn(dataset: Dataset, form: str = "png", progress: bool | None = False) -> dict[str, bytes]:
+def drawn(dataset: Readable, form: str = "png", progress: bool | None = False) -> dict[str, bytes]:
     """The pictures of a dataset by name. Raises DatasetError and ImportError as `plot` does."""
     from ibdata.plots.style import DATASET_DPI, image
     from ibdata.plots.summary import Summary
@@ -141,15 +142,15 @@ def drawn(dataset: Dataset, form: str = "png", progress: bool | None = False) ->
     with bar(progress, len(wanted), "pictures", "draw") as advance:
         for name in wanted:
             module = module_of(name)
-            heading = f"{module.TITLE}: {dataset.info_model.name}"
+            heading = f"{module.TITLE}: {dataset.stored.info.name}"
             made[name] = image(partial(module.draw, summary=summary), form, heading, DATASET_DPI)
             advance(1)
     return made
 
 
-def _of(dataset: Dataset) -> list[str]:
+def _of(dataset: Readable) -> list[str]:
     """The pictures that show something of a dataset."""
-    return [name for name in plots() if name != "splits" or dataset.splits]
+    return [name for name in plots() if name != "splits" or dataset.stored.splits]
 
 
 def module_of(name: str) -> Any:

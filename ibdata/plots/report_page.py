@@ -140,7 +140,7 @@ def _statistics(dataset: Dataset) -> Iterable[str]:
 
 def _columns(dataset: Dataset) -> Iterable[str]:
     keys = ("name", "role", "dtype", "unit", "low", "high", "description")
-    yield _table(keys, [[getattr(column, key) for key in keys] for column in dataset.info_model.columns])
+    yield _table(keys, [[getattr(column, key) for key in keys] for column in dataset.stored.info.columns])
 
 
 def _experiments(spec: DatasetSpec) -> Iterable[str]:
@@ -151,7 +151,7 @@ def _experiments(spec: DatasetSpec) -> Iterable[str]:
 
 
 def _provenance(dataset: Dataset) -> Iterable[str]:
-    listed = dataset.manifest_model
+    listed = dataset.stored.manifest
     entries = listed.entries()
     yield f'<p>content root <code class="root">{escape(dataset.content_root)}</code></p>'
     reproducible: dict[bool | str, str] = {

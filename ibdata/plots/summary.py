@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.readable import Readable
 from ibdata.errors import DatasetError
 from ibdata.plots.counts import count
 from ibdata.plots.style import SERIES, Floats
@@ -29,7 +29,7 @@ class Summary:
         DatasetError: A setpoint or return is not a finite number, or rows or statistics are damaged.
     """
 
-    def __init__(self, dataset: Dataset, progress: bool | None = False) -> None:
+    def __init__(self, dataset: Readable, progress: bool | None = False) -> None:
         self.dataset = dataset
         self.episodes = dataset.episodes
         self.setpoints, self.levels, self.setpoint = _grouped(self._finite("setpoint"))
@@ -50,14 +50,14 @@ class Summary:
 
     def label(self, column: str) -> str:
         """The label of a column on an axis: its meaning and its unit, from meta/dataset.json."""
-        [described] = [each for each in self.dataset.info_model.columns if each.name == column]
+        [described] = [each for each in self.dataset.stored.info.columns if each.name == column]
         unit = {"1": "", "cost": " (cost units)"}.get(described.unit, f" ({described.unit})")
         return f"{described.description}{unit}"
 
     @property
     def setpoint_label(self) -> str:
         """The label of the groups of setpoints."""
-        return "setpoint p at the start" if self.dataset.info_model.drifting else "setpoint p"
+        return "setpoint p at the start" if self.dataset.stored.info.drifting else "setpoint p"
 
 
 def _grouped(setpoint: Floats) -> tuple[list[str], Floats, npt.NDArray[np.int64]]:

@@ -12,27 +12,21 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 from ibdata.dataset import manifest
-from ibdata.dataset.episodes import PATH as EPISODES
-from ibdata.dataset.episodes import read_episodes
-from ibdata.dataset.models import Info, JsonObject, Manifest, Statistic, Statistics
-from ibdata.dataset.splits import read_splits
+from ibdata.dataset.models import JsonObject, Statistic, Statistics
+from ibdata.dataset.stored import EPISODES, INFO, STATISTICS, Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.system.storage import Storage
 from ibdata.validation.rules import Problem
 from ibdata.writing import metadata
 from ibdata.writing.finish import experiment_files
 from ibdata.writing.planned import first_difference
 from ibdata.writing.shard_writer import WrittenShard
 
-INFO, STATISTICS = "meta/dataset.json", "meta/statistics.json"
-
 
 def metadata_problems(
-    place: Storage,
-    listed: Manifest,
+    stored: Stored,
     spec: DatasetSpec,
     written: list[WrittenShard],
     is_whole: Callable[[str], bool],
@@ -40,37 +34,36 @@ def metadata_problems(
     """Check the metadata.
 
     Args:
-        place: The dataset.
-        listed: Its manifest.
+        stored: The dataset.
         spec: The experiments and splits of the dataset.
         written: The shards whose rows keep every rule.
         is_whole: Whether the file of a path has the SHA-256 that the manifest lists; others are passed over.
     """
     checks: dict[str, Callable[[], Iterator[Problem]]] = {
-        INFO: partial(_info, place, listed, spec),
+        INFO: partial(_info, stored, spec),
         **{
-            path: partial(_experiment, place, listed, path, experiment)
+            path: partial(_experiment, stored, path, experiment)
             for path, experiment in experiment_files(spec).items()
         },
-        EPISODES: partial(_episodes, place, listed, spec, written),
+        EPISODES: partial(_episodes, stored, spec, written),
     }
     if len(written) == len(spec.shards):
-        checks[STATISTICS] = partial(_statistics, place, listed, metadata.statistics(spec, written))
+        checks[STATISTICS] = partial(_statistics, stored, metadata.statistics(spec, written))
     for path, check in checks.items():
         try:
             if is_whole(path):
                 yield from check()
         except DatasetError as error:
-            yield Problem.of(error, path, place.where(path), "metadata")
+            yield Problem.of(error, path, stored.storage.where(path), "metadata")
 
 
-def splits_problems(place: Storage, listed: Manifest) -> Iterator[Problem]:
+def splits_problems(stored: Stored) -> Iterator[Problem]:
     """Check the splits, of which the manifest lists no SHA-256, because later ones are added to the file."""
     try:
-        found = read_splits(place, listed)
-        expected = metadata.splits(spec_in(place, listed))
+        found = stored.splits
+        expected = metadata.splits(spec_in(stored))
     except DatasetError as error:
-        yield Problem.of(error, manifest.SPLITS, place.where(manifest.SPLITS), "splits")
+        yield Problem.of(error, manifest.SPLITS, stored.storage.where(manifest.SPLITS), "splits")
         return
     given = {name: entry.plain() for name, entry in found.items()}
     right = {name: entry.plain() for name, entry in expected.items()}
@@ -78,8 +71,8 @@ def splits_problems(place: Storage, listed: Manifest) -> Iterator[Problem]:
         yield Problem(manifest.SPLITS, None, "splits", message)
 
 
-def _info(place: Storage, listed: Manifest, spec: DatasetSpec) -> Iterator[Problem]:
-    found = _facts(manifest.read_json(place, listed, INFO, Info))
+def _info(stored: Stored, spec: DatasetSpec) -> Iterator[Problem]:
+    found = _facts(stored.info)
     expected = _facts(metadata.info(spec))
     for rule in expected:
         if message := first_difference(found[rule], expected[rule]):
@@ -94,9 +87,9 @@ def _facts(info: JsonObject) -> dict[str, Any]:
     return facts
 
 
-def _experiment(place: Storage, listed: Manifest, path: str, expected: Experiment) -> Iterator[Problem]:
+def _experiment(stored: Stored, path: str, expected: Experiment) -> Iterator[Problem]:
     try:
-        document = Document(manifest.listed_content(place, listed, path))
+        document = Document(stored.read(path))
         same = Experiment.model_validate(document.data) == expected
     except (StrictYamlError, ValidationError):
         same = False
@@ -104,11 +97,9 @@ def _experiment(place: Storage, listed: Manifest, path: str, expected: Experimen
         yield Problem(path, None, "experiment", "found another experiment than the manifest lists")
 
 
-def _episodes(
-    place: Storage, listed: Manifest, spec: DatasetSpec, written: list[WrittenShard]
-) -> Iterator[Problem]:
+def _episodes(stored: Stored, spec: DatasetSpec, written: list[WrittenShard]) -> Iterator[Problem]:
     """Compare the rows of the episodes of these shards, column by column."""
-    table = read_episodes(place, listed)
+    table = stored.episodes
     if not written:
         return
     expected = metadata.episodes_table(spec, written)
@@ -146,8 +137,8 @@ def _shown(value: pa.Scalar) -> str:
     return f"{plain.hex()[:12]}…" if isinstance(plain, bytes) else f"{plain}"
 
 
-def _statistics(place: Storage, listed: Manifest, expected: Statistics) -> Iterator[Problem]:
-    found = manifest.read_json(place, listed, STATISTICS, Statistics)
+def _statistics(stored: Stored, expected: Statistics) -> Iterator[Problem]:
+    found = stored.statistics
     if message := first_difference(_names(found), _names(expected)):
         yield Problem(STATISTICS, None, "statistics", message)
         return

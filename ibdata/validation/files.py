@@ -6,35 +6,33 @@ import os
 from collections.abc import Container, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
-from ibdata.dataset import manifest
-from ibdata.dataset.models import Manifest
+from ibdata.dataset.stored import Stored
 from ibdata.system.progress import Advance, unseen
-from ibdata.system.storage import Storage
 from ibdata.validation.rules import Problem
 
 THREADS = os.cpu_count() or 1
 
 
-def check_files(place: Storage, listed: Manifest, advance: Advance = unseen) -> Iterator[Problem]:
+def check_files(stored: Stored, advance: Advance = unseen) -> Iterator[Problem]:
     """The listed files that are missing or changed, and files in `data` that are not listed."""
-    with Hashing(place, listed) as files:
+    with Hashing(stored) as files:
         yield from files.problems(advance)
-    yield from unlisted_files(place, listed)
+    yield from unlisted_files(stored)
 
 
-def changed_files(place: Storage, listed: Manifest, paths: Container[str]) -> list[Problem]:
+def changed_files(stored: Stored, paths: Container[str]) -> list[Problem]:
     """Those of these listed files that are missing or changed. Raises BusyError if a writer did it."""
-    with Hashing(place, listed, paths) as files:
+    with Hashing(stored, paths) as files:
         problems = list(files.problems())
     if problems:
-        manifest.refuse_replaced(place, listed)
+        stored.refuse_replaced()
     return problems
 
 
-def unlisted_files(place: Storage, listed: Manifest) -> Iterator[Problem]:
+def unlisted_files(stored: Stored) -> Iterator[Problem]:
     """The files and folders in `data` that a reader would take, but that the manifest does not list."""
-    known = listed.entries()
-    for name in place.names("data"):
+    known = stored.manifest.entries()
+    for name in stored.storage.names("data"):
         path = f"data/{name.rstrip('/')}"
         if path not in known and _is_read(name):
             what = "folder" if name.endswith("/") else "file"
@@ -50,12 +48,12 @@ def _is_read(name: str) -> bool:
 class Hashing:
     """A context in which threads compute the SHA-256 of listed files, by default of all."""
 
-    def __init__(self, place: Storage, listed: Manifest, paths: Container[str] | None = None) -> None:
-        entries = listed.entries()
+    def __init__(self, stored: Stored, paths: Container[str] | None = None) -> None:
+        entries, storage = stored.manifest.entries(), stored.storage
         self._expected = {path: entries[path] for path in entries if paths is None or path in paths}
-        self._todo = "; ibdata repair makes it again" if place.url is None else ""
+        self._todo = "; ibdata repair makes it again" if storage.url is None else ""
         self._threads = ThreadPoolExecutor(THREADS)  # hashing releases the interpreter's lock
-        self._found = {path: self._threads.submit(place.entry, path) for path in self._expected}
+        self._found = {path: self._threads.submit(storage.entry, path) for path in self._expected}
 
     def __enter__(self) -> Hashing:
         return self

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
-from ibdata.dataset.models import Manifest
+from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.system.progress import Advance, bar
-from ibdata.system.storage import Storage, existing, storage
+from ibdata.system.storage import existing, storage
 from ibdata.validation.derived import metadata_problems, splits_problems
 from ibdata.validation.files import Hashing, check_files, unlisted_files
 from ibdata.validation.rows import check_shard
@@ -50,35 +50,36 @@ def validate(
     """
     place = storage(existing(folder))
     try:
-        listed = manifest.read(place)
+        stored = Stored.open(place)
     except DatasetError as error:
         return Findings([Problem.of(error, manifest.PATH, place.where(manifest.PATH), "manifest")])
     check = _quickly if quick else _fully
-    problems = Findings(check(place, listed, progress))
-    manifest.refuse_replaced(place, listed)
+    problems = Findings(check(stored, progress))
+    stored.refuse_replaced()
     return problems
 
 
-def _quickly(place: Storage, listed: Manifest, progress: bool | None) -> Iterator[Problem]:
-    with bar(progress, len(listed.files), "files") as advance:
-        yield from check_files(place, listed, advance)
-    yield from splits_problems(place, listed)
+def _quickly(stored: Stored, progress: bool | None) -> Iterator[Problem]:
+    with bar(progress, len(stored.manifest.files), "files") as advance:
+        yield from check_files(stored, advance)
+    yield from splits_problems(stored)
 
 
-def _fully(place: Storage, listed: Manifest, progress: bool | None) -> Iterator[Problem]:
-    with Hashing(place, listed) as files, bar(progress, listed.rows, "rows") as advance:
-        contents = list(_contents(place, listed, files, advance))
+def _fully(stored: Stored, progress: bool | None) -> Iterator[Problem]:
+    with Hashing(stored) as files, bar(progress, stored.manifest.rows, "rows") as advance:
+        contents = list(_contents(stored, files, advance))
         yield from files.problems()
-    yield from unlisted_files(place, listed)
+    yield from unlisted_files(stored)
     yield from contents
 
 
-def _contents(place: Storage, listed: Manifest, files: Hashing, advance: Advance) -> Iterator[Problem]:
+def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Problem]:
     """The problems with what whole files hold."""
+    listed = stored.manifest
     try:
-        spec = declared_spec(place, listed)
+        spec = declared_spec(stored)
     except DatasetError as error:
-        yield Problem.of(error, manifest.PATH, place.where(manifest.PATH), "manifest")
+        yield Problem.of(error, manifest.PATH, stored.storage.where(manifest.PATH), "manifest")
         return
     plan = [Problem(manifest.PATH, None, rule, message) for rule, message in plan_problems(spec, listed)]
     yield from plan
@@ -88,7 +89,7 @@ def _contents(place: Storage, listed: Manifest, files: Hashing, advance: Advance
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         if not files.is_whole(one.path):
             continue
-        summary, problems = check_shard(spec, shard, place, one.path, advance)
+        summary, problems = check_shard(spec, shard, stored.storage, one.path, advance)
         yield from problems
         if summary is not None:
             written.append(WrittenShard(shard, entries[one.path], summary))
@@ -99,5 +100,5 @@ def _contents(place: Storage, listed: Manifest, files: Hashing, advance: Advance
         if root != listed.content_root:
             message = f"found {listed.content_root}, expected {root}"
             yield Problem(manifest.PATH, None, "content root", message)
-    yield from metadata_problems(place, listed, spec, written, files.is_whole)
-    yield from splits_problems(place, listed)
+    yield from metadata_problems(stored, spec, written, files.is_whole)
+    yield from splits_problems(stored)

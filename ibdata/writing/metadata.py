@@ -13,7 +13,6 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.dataset.episodes import SCHEMA as EPISODES
 from ibdata.dataset.models import (
     Column,
     Counts,
@@ -25,6 +24,7 @@ from ibdata.dataset.models import (
     Statistics,
 )
 from ibdata.dataset.statistics import described, merged
+from ibdata.dataset.stored import EPISODE_SCHEMA
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Run
 from ibdata.experiment.plan import Shard
@@ -148,7 +148,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         arrow_array(row_start + length),
         pa.Array.from_buffers(pa.binary(32), len(digests), [None, pa.py_buffer(b"".join(digests))]),
     ]
-    return pa.table(arrays, schema=EPISODES)
+    return pa.table(arrays, schema=EPISODE_SCHEMA)
 
 
 def _acting(spec: DatasetSpec, shards: list[Shard]) -> pa.Array:

@@ -107,5 +107,5 @@ def sizes(scratch: Scratch) -> list[Row]:
     for latent, target in ((False, ""), (True, "≤ 81"), ("full", "≤ 105"), ("next", "")):
         dataset = scratch.generate(described(100_000, output={"latent": latent}))
         what = f"bytes a row, latent: {json.dumps(latent).strip(chr(34))}"
-        found.append(Row(what, f"{dataset.manifest_model.data_bytes / len(dataset):.1f}", target))
+        found.append(Row(what, f"{dataset.stored.manifest.data_bytes / len(dataset):.1f}", target))
     return found

@@ -15,6 +15,7 @@ PUBLIC = {
     "ibdata.testing": ["check_policy"],
     "ibdata.plots": ["plot", "figure"],
     "ibdata.report": ["card"],
+    "ibdata.dataset.selection": ["Selection"],
     "ibdata.dataset.windows": ["Windows"],
     "ibdata.views.options": ["view_options"],
     "ibdata.dynamics": ["step", "initial_state", "Variant", "State", "Noise"],

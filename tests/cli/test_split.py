@@ -42,10 +42,10 @@ def test_what_is_replaced_or_removed_is_said(made, run):
 
 
 def test_the_list_changes_nothing_and_takes_no_other_option(made, run):
-    before = ibdata.open("d").split_entries
+    before = ibdata.open("d").stored.splits
     assert run("split", "d", "--list")[:2] == (0, "low  12 rows in 4 episodes (whole files)\n")
     code, out, err = run("split", "d", "--list", "--shots", "1")
     assert (code, out) == (2, "")
     assert "--list changes nothing, but found --shots too" in err
-    assert ibdata.open("d").split_entries == before
+    assert ibdata.open("d").stored.splits == before
     assert "expected two names such as source=at-50" in run("split", "d", "--by", "policy", "--name", "x")[2]

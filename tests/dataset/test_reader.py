@@ -37,7 +37,7 @@ assert not loaded, loaded
 def test_a_dataset_says_what_it_is(dataset, monkeypatch):
     assert len(dataset) == 480
     assert repr(dataset) == f"<ibdata.Dataset {dataset.path}: 480 rows, 12 episodes>"
-    monkeypatch.setattr(dataset, "place", "a\x1b[2J")
+    monkeypatch.setattr(type(dataset.stored), "name", "a\x1b[2J")
     assert "\x1b" not in repr(dataset)
     assert dataset.manifest == json.loads((dataset.path / "meta/manifest.json").read_text())
     assert dataset.content_root == dataset.manifest["content_root"]

@@ -15,7 +15,7 @@ SELECTIONS = {
     "both": {"setpoint": 20, "policy": "calm"},
     "with a split": {"split": "target", "policy": "random"},
     "with a label": {"split": "calm", "setpoint": [70]},
-    "nothing": {"split": "source", "setpoint": 70},
+    "splits": {"split": ["calm", "target"]},
 }
 
 
@@ -41,7 +41,7 @@ def by_hand(dataset, setpoint=None, policy=None, split=None):
         for row in dataset.episodes.to_dict("records")
         if (setpoint is None or row["setpoint"] in list(np.atleast_1d(setpoint)))
         and (policy is None or row["policy"] in np.atleast_1d(policy).tolist())
-        and (split is None or split in row["splits"])
+        and (split is None or set(row["splits"]) & set(np.atleast_1d(split)))
     ]
     rows = dataset.to_pandas()
     return rows[rows["episode"].isin(chosen)]
@@ -51,15 +51,80 @@ def by_hand(dataset, setpoint=None, policy=None, split=None):
 @pytest.mark.parametrize("selection", SELECTIONS.values(), ids=SELECTIONS)
 def test_rows_that_meet_all_conditions_come_in_order(request, which, selection):
     dataset = request.getfixturevalue(which)
-    expected = by_hand(dataset, **selection)
-    assert expected.empty == (selection == SELECTIONS["nothing"])
-    found = dataset.to_pandas(**selection)
-    pd.testing.assert_frame_equal(found, expected, check_categorical=False)
-    batches = list(dataset.iter_batches(["episode", "step"], batch_rows=30, **selection))
-    assert [step for batch in batches for step in batch["step"].to_pylist()] == expected["step"].tolist()
-    arrays = dataset.arrays(history=2, **selection)
-    assert arrays["rewards"].tolist() == expected["reward"].tolist()
-    assert arrays["observations"].shape == (len(expected), 12)
+    expected, selected = by_hand(dataset, **selection), dataset.select(**selection)
+    assert 0 < len(expected) == len(selected)
+    assert sorted(selected.episodes["episode"]) == sorted(expected["episode"].unique())
+    for rows, conditions in ((dataset, selection), (selected, {})):
+        frame = rows.to_pandas(**conditions)
+        pd.testing.assert_frame_equal(frame, expected, check_categorical=False)
+        batches = list(rows.iter_batches(["episode", "step"], batch_rows=30, **conditions))
+        steps = [step for batch in batches for step in batch["step"].to_pylist()]
+        assert steps == expected["step"].tolist()
+        arrays = rows.arrays(history=2, **conditions)
+        assert arrays["rewards"].tolist() == expected["reward"].tolist()
+        assert arrays["observations"].shape == (len(expected), 12)
+
+
+@pytest.mark.parametrize("which", ["labelled", "one_file"])
+def test_a_selection_is_measured_as_its_rows_are(request, which, tmp_path):
+    dataset = request.getfixturevalue(which)
+    selected = dataset.select(["calm", "target"], setpoint=70)
+    rows = by_hand(dataset, split=["calm", "target"], setpoint=70)
+    assert selected.statistics()["reward"]["mean"] == pytest.approx(rows["reward"].mean(), rel=1e-6)
+    returns = (
+        rows.groupby("policy", observed=True)["reward"].sum()
+        / rows.groupby("policy", observed=True)["episode"].nunique()
+    )
+    assert {r["policy"]: r["mean_return"] for r in selected.returns()["results"]} == pytest.approx(
+        returns.to_dict(), rel=1e-5
+    )
+    assert ibdata.quality(selected).rows == len(rows)
+    assert ibdata.export(selected, "npz", tmp_path / "x.npz").rows == len(rows)
+    assert len(ibdata.importance(selected, "random", discount=0.5).rewards) == rows["episode"].nunique()
+    assert len(ibdata.noise_floor(selected).mean) == len(rows)
+    assert len(selected.windows(3)) == len(rows)
+    narrower = selected.select(policy="calm")
+    assert narrower.to_pandas().equals(selected.to_pandas(policy="calm"))
+    assert (
+        narrower.head(2, ["episode"])
+        .to_pandas()
+        .equals(narrower.to_pandas(["episode"]).iloc[:2].reset_index(drop=True))
+    )
+
+
+def test_what_is_of_a_whole_dataset_refuses_a_selection(labelled):
+    selected = labelled.select("source")
+    assert (selected.place, selected.content_root) == (labelled.place, labelled.content_root)
+    for call in (
+        ibdata.validate,
+        ibdata.split,
+        ibdata.repair,
+        lambda ds: ibdata.merge([ds, ds], "out"),
+        lambda ds: ibdata.state_at(ds, 0),
+    ):
+        with pytest.raises(UsageError, match=r"found .?<ibdata.Selection of .*, expected"):
+            call(selected)
+    with pytest.raises(UsageError, match="at: found a split or a selection too"):
+        selected.head(at=(0, 0))
+
+
+def test_an_empty_selection_has_no_rows_to_read(labelled):
+    nothing = labelled.select("source", setpoint=70)
+    assert len(nothing) == len(nothing.episodes) == 0
+    for read in (
+        nothing.table,
+        nothing.to_pandas,
+        nothing.arrays,
+        nothing.windows,
+        nothing.statistics,
+        nothing.returns,
+        nothing.head,
+        lambda: ibdata.quality(nothing),
+    ):
+        with pytest.raises(UsageError, match=r"^split, setpoint, policy: found no episode that meets all"):
+            read()
+    with pytest.raises(UsageError, match=r"^split, setpoint, policy: found no episode that meets all"):
+        labelled.table(split="source", setpoint=70)
 
 
 def test_moving_setpoints_count_by_their_first_value(moving):
@@ -76,7 +141,8 @@ def test_moving_setpoints_count_by_their_first_value(moving):
         ({"setpoint": [20, 7]}, "setpoint: found 7, expected one of 20, 70; did you mean '70'?"),
         ({"policy": "clam"}, "policy: found 'clam', expected one of random, calm; did you mean 'calm'?"),
         ({"split": "sorce"}, "split: found 'sorce', expected one of source, target, random, calm; did you"),
-        ({"split": ["source"]}, "split: found ['source'], expected a text or None"),
+        ({"split": ["source", "tgt"]}, "split: found 'tgt', expected one of source, target, random, calm"),
+        ({"split": 3}, "split: found 3, expected a text, a list of texts or None"),
         ({"columns": ["rewards"]}, "column: found 'rewards', expected one of episode, "),
     ],
 )

@@ -76,5 +76,5 @@ def test_unknown_laws_and_empty_selections_are_refused(describe, tmp_path, datas
     made = ibdata.generate(custom, tmp_path / "made", workers=1)
     with pytest.raises(UsageError, match="found eta_squash"):
         noise_floor(made)
-    with pytest.raises(UsageError, match="no row that meets all"):
+    with pytest.raises(UsageError, match="no episode that meets all"):
         noise_floor(dataset, "source", setpoint=70)

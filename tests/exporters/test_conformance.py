@@ -16,6 +16,7 @@ from exporters.reading import equal, hdf5, holds, one_setpoint
 
 import ibdata
 from ibdata.cli import cli
+from ibdata.dataset.selection import Selection
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.exporters._view import View
 
@@ -51,11 +52,11 @@ def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
     """So memory does not grow with the dataset: at most the rows asked for and one episode more."""
     monkeypatch.setattr("ibdata.exporters._view.BLOCK_ROWS", 60)
     for history, limit in ((1, 60), (3, 20)):
-        blocks = list(View(dataset, history=history).blocks())
+        blocks = list(View(dataset.select(), history=history).blocks())
         assert sum(len(block.rewards) for block in blocks) == 480
         assert all(len(block.rewards) <= limit + 40 for block in blocks)
         assert all(block.step[0] == 0 and block.truncated[-1] for block in blocks)
-    assert [len(block.rewards) for block in View(dataset).episode_blocks()] == [40] * 12
+    assert [len(block.rewards) for block in View(dataset.select()).episode_blocks()] == [40] * 12
 
 
 def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to):
@@ -140,7 +141,7 @@ def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
 
 def test_a_damaged_dataset_is_refused(dataset, tmp_path, monkeypatch):
     cut = dataset.table().slice(0, 90).to_batches()
-    monkeypatch.setattr(dataset, "iter_batches", lambda *args: (b.select(args[0]) for b in cut))
+    monkeypatch.setattr(Selection, "batches", lambda _, names, most: (b.select(names) for b in cut))
     with pytest.raises(DatasetError, match="the last episode has no end, see ibdata validate"):
         ibdata.export(dataset, "npz", tmp_path / "made")
     assert list(tmp_path.iterdir()) == []

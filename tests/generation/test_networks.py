@@ -49,9 +49,9 @@ def made(learned):
 
 def test_a_dataset_carries_its_weights_and_needs_no_other(made, elsewhere):
     """On another machine, it is validated, reproduced, repaired, split and made again."""
-    (path,) = (path for path in made.manifest_model.entries() if manifest.WEIGHTS.fullmatch(path))
+    (path,) = (path for path in made.stored.manifest.entries() if manifest.WEIGHTS.fullmatch(path))
     assert (made.path / path).read_bytes() == networks.weights()
-    assert made.manifest_model.entries()[path].sha256 == file_sha256(made.path / path)
+    assert made.stored.manifest.entries()[path].sha256 == file_sha256(made.path / path)
     elsewhere()
     assert ibdata.validate(made.path) == []
     assert ibdata.reproduce(made.path)[1] == []

@@ -12,7 +12,7 @@ from ibdata.numerics.random import Purpose, integers, stream_key, uniform
 
 def experiment_of(dataset):
     """The only experiment of a dataset."""
-    [experiment] = spec_in(dataset.path, dataset.manifest_model).experiments
+    [experiment] = spec_in(dataset.stored).experiments
     return experiment
 
 

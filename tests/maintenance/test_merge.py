@@ -47,7 +47,8 @@ def merged(pair, tmp_path_factory):
 
 
 def test_a_merged_dataset_holds_the_episodes_of_all(pair, merged):
-    assert merged.digests == [digest for d in pair for digest in d.digests]
+    digests, expected = list(merged.episodes["digest"]), [x for d in pair for x in d.episodes["digest"]]
+    assert digests == expected
     assert merged.episodes["episode"].tolist() == list(range(6 + 12))
     assert merged.episodes["length"].tolist() == [4] * 6 + [5] * 12
     frame = merged.to_pandas()

@@ -108,7 +108,7 @@ def test_a_shard_that_is_encoded_otherwise_gets_its_new_entry(copied, file, monk
     damage(copied / path, "cut")
     assert repair(copied, workers=workers) == [path]
     after = ibdata.open(copied)
-    old, new = before.manifest_model.entries(), after.manifest_model.entries()
+    old, new = before.stored.manifest.entries(), after.stored.manifest.entries()
     assert {name for name in old if old[name] != new[name]} == {path}
     assert (copied / path).stat().st_size == new[path].bytes
     assert after.content_root == before.content_root

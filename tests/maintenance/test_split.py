@@ -67,7 +67,7 @@ def test_a_split_holds_the_episodes_asked_for_and_leaks_none(made, call, expecte
     split = ibdata.split(made.path, **call)
     assert {name: conditions(split, name) for name in expected} == expected
     for pair in combinations(expected, 2):
-        digests = [{split.digests[e] for e in members(split, name)} for name in pair]
+        digests = [set(split.episodes["digest"][members(split, name)]) for name in pair]
         assert not digests[0] & digests[1]
     assert set(split.splits) == {"low", *expected}
     assert ibdata.validate(made.path) == []

@@ -23,7 +23,7 @@ def table(*rows):
 
 @pytest.fixture
 def info(dataset):
-    return dataset.info_model
+    return dataset.stored.info
 
 
 def test_trajectory_quality_is_0_at_least_1_for_expert():
@@ -68,7 +68,7 @@ def test_returns_under_different_dynamics_are_not_compared(info):
 def test_info_prints_them(describe, tmp_path):
     experiment = describe(setpoints=[70], policies=[{"kind": "safe"}], episodes=2, steps=1000)
     ds = ibdata.generate(experiment, tmp_path / "made", workers=1)
-    found = return_measures(ds.episode_table, ds.info_model)
+    found = return_measures(ds.stored.episodes, ds.stored.info)
     text = CliRunner().invoke(command, [str(ds.path)], catch_exceptions=False).stdout
     assert f"trajectory quality: {found.trajectory_quality:.2f}, mean return: 0 = random, 1 = expert" in text
     document = CliRunner().invoke(command, [str(ds.path), "--json"], catch_exceptions=False).stdout

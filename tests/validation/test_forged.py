@@ -12,6 +12,7 @@ from helpers.forging import seal
 
 import ibdata
 from ibdata.dataset import manifest, parquet
+from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import spec_in
@@ -124,8 +125,8 @@ def test_a_manifest_with_another_plan_is_not_used(copied, name):
 
 def forge(folder, change):
     """Change the rows of every shard, and make everything else of the dataset again for them."""
-    listed = manifest.read(folder)
-    spec = spec_in(folder, listed)
+    stored = Stored.open(folder)
+    listed, spec = stored.manifest, spec_in(stored)
     written = []
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         path = folder / one.path

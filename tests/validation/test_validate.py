@@ -193,7 +193,7 @@ def test_a_wrong_density_late_in_an_episode_is_found(made, tmp_path, number):
     experiment, dataset = made
     (shard,) = DatasetSpec.of(experiment).shards
     row = number * 6 * STEPS + 17
-    table = dataset.read_shard(0)
+    table = dataset.stored.rows(0)
     place = table.schema.get_field_index("action_log_prob")
     density = table["action_log_prob"].to_numpy().copy()
     density[row] -= 0.125

@@ -16,7 +16,7 @@ NONE = "(none)"
 def membership(summary: Summary) -> tuple[list[str], Numbers]:
     """The first 24 splits, and `NONE` where episodes are in none; 1 or 0 for each (episodes, splits)."""
     held = [tuple(own) or (NONE,) for own in summary.episodes["splits"]]
-    names = [*list(summary.dataset.splits)[:MOST], *([NONE] if (NONE,) in held else [])]
+    names = [*list(summary.dataset.stored.splits)[:MOST], *([NONE] if (NONE,) in held else [])]
     return names, np.array([[name in own for name in names] for own in held], np.int64)
 
 
@@ -31,7 +31,7 @@ def draw(figure: Figure, summary: Summary) -> None:
     _count(upper, cells, names, labels)
     _count(lower, inside.T @ inside, names, names)
     lower.set_title("episodes that two splits share", loc="left")
-    more = len(summary.dataset.splits) - MOST
+    more = len(summary.dataset.stored.splits) - MOST
     figure.suptitle(
         f"episodes by {summary.setpoint_label} and policy"
         + (f"; and {counted(more, 'split')} more" if more > 0 else "")

@@ -24,7 +24,7 @@ def draw(figure: Figure, summary: Summary) -> None:
     figure.axes[-1].set_xlim(0, max(1, len(steps["setpoint"]) - 1))
     cut = f", first {MOST_STEPS:,} steps" if episode["length"] > MOST_STEPS else ""
     figure.suptitle(
-        f"episode {number:,}, the one with the median return{cut}\n"
+        f"episode {episode['episode']:,}, the one with the median return{cut}\n"
         f"{summary.setpoint_label} = {episode['setpoint']:g}, {episode['policy']}"
     )
 
@@ -36,11 +36,11 @@ def typical(returns: Floats) -> int:
 
 def traces(summary: Summary, episode: Any) -> Mapping[str, Floats]:
     """The first steps of an episode: variables by name, with the hidden ones that the dataset has."""
-    known = {column.name for column in summary.dataset.info_model.columns}
+    known = {column.name for column in summary.dataset.stored.info.columns}
     both = {column: name for name in VARIABLES for column in (f"obs_{name}", f"latent_{name}")}
     names = [column for column in both if column in known]
     first, stop = int(episode["row_start"]), int(episode["row_stop"])
-    batches = summary.dataset.shard_batches(
+    batches = summary.dataset.stored.batches(
         int(episode["shard"]), names, MOST_STEPS, first, min(stop, first + MOST_STEPS)
     )
     parts = [np.stack([column.to_numpy() for column in batch.columns]) for batch in batches]

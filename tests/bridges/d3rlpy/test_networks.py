@@ -223,7 +223,7 @@ def test_a_saved_network_makes_a_dataset(tmp_path, file):
     plain = {"name": "mine", "setpoints": 70, "policies": [block], "steps": 20}
     (tmp_path / "mine.yaml").write_text(json.dumps(plain))
     dataset = ibdata.generate(tmp_path / "mine.yaml", tmp_path / "mine", workers=1)
-    assert f"meta/policy-{sha256[:16]}.safetensors" in dataset.manifest_model.entries()
+    assert f"meta/policy-{sha256[:16]}.safetensors" in dataset.stored.manifest.entries()
     assert ibdata.validate(dataset.path) == []
 
 

@@ -1,0 +1,62 @@
+"""What a user says of the rows to read: names and numbers that the dataset must have, and lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.errors import UsageError, suggestion
+from ibdata.numerics.naming import exact
+
+Columns = Sequence[str] | None
+Split = str | Sequence[str] | None
+Setpoint = float | Sequence[float] | npt.NDArray[Any] | None
+Policy = str | Sequence[str] | None
+MOST_NAMES = 40  # in a message
+
+
+def known_of(what: str, names: Any, known: Sequence[Any]) -> list[Any]:
+    """One or several names or numbers as a list. Raises UsageError for one that is not known.
+
+    >>> known_of("setpoint", 70, [20.0, 70.0]), known_of("policy", ["safe"], ["random", "safe"])
+    ([70], ['safe'])
+    """
+    values = list(names) if np.ndim(names) else [names]
+    for value in values:
+        if value not in known:
+            raise UsageError(f"{what}: found {_shown(value)}, expected {_one_of(value, known)}")
+    return values
+
+
+def _one_of(value: Any, known: Sequence[Any]) -> str:
+    """The known names, and the one that is similar to the value."""
+    names = [_shown(name).strip("'") for name in known]
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    near = suggestion(_shown(value).strip("'"), names)
+    return f"one of {', '.join(names[:MOST_NAMES])}{more}{near}"
+
+
+def _shown(value: Any) -> str:
+    return exact(float(value)) if isinstance(value, Real) else repr(value)
+
+
+def checked_length(length: int, name: str = "history") -> int:
+    """The number of observations in a history, or of steps. Raises UsageError if it is invalid."""
+    if length < 1:
+        raise UsageError(f"{name}: found {length!r}, expected a whole number of at least 1")
+    return length
+
+
+def checked_history(history: int, pad: str) -> bool:
+    """Check both arguments of `Dataset.arrays`; return whether rows without a full history are dropped.
+
+    Raises UsageError if one is invalid.
+    """
+    checked_length(history)
+    if pad not in ("repeat", "drop"):
+        raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
+    return pad == "drop"
