@@ -11,11 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset.history import stacked
 from ibdata.dataset.models import Info
-from ibdata.dataset.stored_windows import Sizes, Source, in_folder, in_memory
-from ibdata.dataset.transitions import Transitions, as_batch, left_out, transitions
-from ibdata.dataset.windows import Windows
+from ibdata.dataset.transitions import Transitions, as_batch, left_out, stacked, transitions
+from ibdata.dataset.windows import Sizes, WindowFolder, Windows, in_folder, in_memory
 from ibdata.system.storage import local
 from ibdata.views.options import ViewOptions
 
@@ -82,7 +80,7 @@ def windows_of(
         "episodes": identity(episodes),
         "view": options.plain(info.drifting),
     }
-    source = Source(local(folder).absolute(), description, sizes)
+    source = WindowFolder(local(folder).absolute(), description, sizes)
     return Windows(in_folder(source, blocks), frame, history, drop, count, source)
 
 

@@ -13,8 +13,7 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import csv
 
-from ibdata.dataset.history import stacked
-from ibdata.dataset.transitions import Transitions, as_batch, transitions
+from ibdata.dataset.transitions import Transitions, as_batch, stacked, transitions
 from ibdata.exporters._view import View
 
 OBSERVED = ("observation", "next_observation")  # roles of columns for which there are frames

@@ -60,7 +60,7 @@ def test_a_folder_keeps_the_values_and_is_used_again(dataset, tmp_path, monkeypa
     described = json.loads((folder / "windows.json").read_text())
     assert described["content_root"] == dataset.content_root
     assert described["view"]["frame"][-1] == "obs_consumption"
-    monkeypatch.setattr("ibdata.dataset.stored_windows._write", None)
+    monkeypatch.setattr("ibdata.dataset.windows._write", None)
     again = dataset.windows(history=2, folder=folder, split="target")
     plain = dataset.arrays(history=2, split="target")
     assert (again.batch(range(len(again)))["observations"] == plain["observations"]).all()
