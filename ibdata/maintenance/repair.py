@@ -24,10 +24,8 @@ from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.progress import unseen
 from ibdata.system.signals import check
 from ibdata.system.storage import existing, local, storage
-from ibdata.validation.derived import splits_problems
-from ibdata.validation.files import unlisted_files
-from ibdata.validation.rows import check_shard
-from ibdata.validation.validate import validate
+from ibdata.validation.checks import check_shard, splits_problems
+from ibdata.validation.validate import unlisted_files, validate
 from ibdata.writing import metadata
 from ibdata.writing.finish import metadata_files, rewritten_manifest
 from ibdata.writing.planned import refuse_other_plan

@@ -19,8 +19,8 @@ from ibdata.experiment.plan import Shard
 from ibdata.generation.warm_up import known_answer, warm_up
 from ibdata.generation.worker import process_for
 from ibdata.system.storage import existing, local
-from ibdata.validation.files import changed_files
 from ibdata.validation.rules import Problem
+from ibdata.validation.validate import changed_files
 from ibdata.writing.arrow import digest_runs
 from ibdata.writing.finish import root_of
 from ibdata.writing.planned import refuse_other_plan

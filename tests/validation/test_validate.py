@@ -17,7 +17,7 @@ from ibdata.errors import BusyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.validation.rows import check_shard
+from ibdata.validation.checks import check_shard
 from ibdata.validation.validate import validate
 from ibdata.writing.arrow import writer_options
 

@@ -11,7 +11,7 @@ import ibdata
 from ibdata.dataset import statistics
 from ibdata.errors import IbdataError
 from ibdata.experiment.rollout import Columns, parts, rollout
-from ibdata.validation import rows
+from ibdata.validation import checks
 from ibdata.writing import arrow, shard_writer, stored, summary
 
 
@@ -98,7 +98,7 @@ def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
 
         return columns
 
-    monkeypatch.setattr(rows, "PART_ROWS", PART)
+    monkeypatch.setattr(checks, "PART_ROWS", PART)
     monkeypatch.setattr(stored, "Columns", seen(Columns))
     monkeypatch.setattr("ibdata.writing.summary.rollout", seen(rollout))
     for name, use in USES.items():
