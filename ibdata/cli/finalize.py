@@ -19,6 +19,6 @@ def command(folder: Path) -> Printed:
     ibdata generate random.yaml --out data/random --shards 2/2
     ibdata finalize data/random
     """
-    from ibdata.generation.array_job import finalize
+    from ibdata.generation.generate import finalize
 
     return made(finalize(folder))

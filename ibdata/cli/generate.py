@@ -22,7 +22,7 @@ from ibdata.numerics.naming import counted
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Dataset
-    from ibdata.generation.array_job import PartMade
+    from ibdata.generation.generate import PartMade
 
 
 @click.command("generate")
@@ -154,8 +154,8 @@ def _dry_run(config: str, out: Path | str | None, shards: str | None, settings: 
         lines.append(
             f"{run['out']}: {counted(run['rows'], 'row')}, {size(run['bytes'])}, {run['seconds']:.1f} s"
         )
-        if run["folder"]:
-            lines.append(f"    {run['folder']}")
+        if run["action"]:
+            lines.append(f"    {run["action"]}")
     if lines:
         lines.append("")
     workers = counted(found["workers"], "worker")
@@ -165,6 +165,6 @@ def _dry_run(config: str, out: Path | str | None, shards: str | None, settings: 
         ("bytes", f"{found['bytes']:,} ({size(found['bytes'])}, estimated from a sample)"),
         ("seconds", f"{found['seconds']:,.1f} with {workers} (estimated from a sample)"),
     ]
-    if found.get("folder"):
-        total.append(("folder", found["folder"]))
+    if found.get("action"):
+        total.append(("action", found["action"]))
     return Printed(found, "\n".join([*lines, pairs(total)]))

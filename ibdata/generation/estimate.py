@@ -16,20 +16,17 @@ from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
 from ibdata.experiment.rollout import rollout
-from ibdata.generation import origin
-from ibdata.generation.engine import refuse_workers
 from ibdata.generation.generate import is_folder, places_of
-from ibdata.generation.run import already_there, refuse_both, unfinished
-from ibdata.generation.target import TakenError, is_free
+from ibdata.generation.process import process_for
+from ibdata.generation.record import warm_up
+from ibdata.generation.target import Mode, TakenError, Target, decide, look
 from ibdata.generation.upload import refuse_overwrite
-from ibdata.generation.warm_up import warm_up
-from ibdata.generation.worker import process_for
-from ibdata.generation.workers import divide
+from ibdata.generation.workers import divide, refuse_workers
 from ibdata.system.files import HashingFile
-from ibdata.system.part import Part, resolved
+from ibdata.system.part import Part
 from ibdata.system.processes import available_processors
-from ibdata.writing.shard_writer import encode
-from ibdata.writing.summary import describe
+from ibdata.writing.columns import ROW_GROUP_ROWS, Piece
+from ibdata.writing.shard import describe, parquet_writer
 
 SAMPLE_ROWS = 100_000
 PARTS = 8
@@ -70,14 +67,14 @@ def estimate(
 
     Returns:
         name, out, episodes, rows, shards, workers (the number of processes), estimated bytes and seconds, and
-        `folder`: what `generate` would do with what is at `out`, or None; a URL is not looked at. Of a folder
+        `action`: what `generate` would do with what is at `out`, or None; a URL is not looked at. Of a folder
         of experiments, the sums, and `experiments`, a list of such dicts.
 
     Raises:
         IbdataError: As in `generate`.
     """
     refuse_workers(workers)
-    refuse_both(resume, overwrite)
+    mode = Mode.of(resume, overwrite)
     experiments = load_all(config, overrides, seed)
     for experiment in experiments:
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
@@ -85,7 +82,7 @@ def estimate(
         Estimate(
             {
                 **_estimate(experiment, place, workers),
-                "folder": _outlook(experiment, place, resume, overwrite),
+                "action": _action(experiment, place, mode),
             }
         )
         for experiment, place in zip(experiments, places_of(config, experiments, out), strict=True)
@@ -99,31 +96,16 @@ def estimate(
     )
 
 
-def _outlook(experiment: Experiment, place: Path | str, resume: bool, overwrite: bool) -> str | None:
-    """What `generate` would do or ask at a place, in words; None if nothing is there, or at a URL."""
+def _action(experiment: Experiment, place: Path | str, mode: Mode) -> str | None:
+    """What `generate` would do at a place; None at a URL, which is not looked at."""
     if isinstance(place, str):
-        refuse_overwrite(place, overwrite)
+        refuse_overwrite(place, mode)
         return None
+    target = Target(place)
     try:
-        return _outlook_in_folder(experiment, place, resume, overwrite)
+        return decide(look(target, DatasetSpec.of(experiment), Part(target.path)), mode).value
     except TakenError as error:
-        return f"generate would stop with: {error}"
-
-
-def _outlook_in_folder(planned: Experiment, out: Path, resume: bool, overwrite: bool) -> str | None:
-    """What `generate` would do with what is at a place; None if there is nothing. Raises what it raises."""
-    target = resolved(out)
-    if already_there(planned, target, out, resume, overwrite):
-        return "exists; generate would find the dataset finished, and write nothing"
-    part = Part(target)
-    if part.receipts:
-        same = origin.same_experiment(part.folder, planned)
-        if not overwrite and not (same and resume):
-            raise unfinished(out, None if same else "of another experiment", resume)
-        return f"generate would {'go on with' if same else 'discard'} the unfinished run in it"
-    if not is_free(target, out):
-        return "exists; generate would replace the dataset in it"
-    return None
+        return f"stop: {error}"
 
 
 def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> dict[str, Any]:
@@ -161,9 +143,10 @@ def _sample(spec: DatasetSpec) -> tuple[float, float]:
         first = part * (total - width) // max(1, parts - 1)
         shard = Shard(part, first, first + width, ())
         file = HashingFile(io.BytesIO())
-        floats = rollout(small, shard.first, shard.stop)
-        encode(small, shard, floats, file)
-        describe(DatasetSpec.of(small), shard, [(shard, floats)])
+        piece = Piece(small, shard, rollout(small, shard.first, shard.stop))
+        with parquet_writer(small, file) as parquet:
+            parquet.write_table(piece.arrow_table(), row_group_size=ROW_GROUP_ROWS)
+        describe(DatasetSpec.of(small), shard, [piece])
         size += file.size
     rows = parts * width * steps
     return size / rows, (time.perf_counter() - start) / rows

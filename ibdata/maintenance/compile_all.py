@@ -14,7 +14,7 @@ from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment, load, shipped
-from ibdata.generation.warm_up import known_answer, warm_up
+from ibdata.generation.record import known_answer, warm_up
 from ibdata.numerics.random import Purpose, Raw
 from ibdata.policies import POLICIES
 from ibdata.simulation.episodes import Ints
