@@ -155,7 +155,7 @@ def _dry_run(config: str, out: Path | str | None, shards: str | None, settings: 
             f"{run['out']}: {counted(run['rows'], 'row')}, {size(run['bytes'])}, {run['seconds']:.1f} s"
         )
         if run["action"]:
-            lines.append(f"    {run["action"]}")
+            lines.append(f"    {run['action']}")
     if lines:
         lines.append("")
     workers = counted(found["workers"], "worker")
