@@ -12,8 +12,9 @@ ROOT = Path(__file__).parents[2]  # of the repository
 
 
 def script(name: str) -> ModuleType:
-    """Import scripts/NAME, which an import statement cannot find because it has no suffix."""
-    loader = SourceFileLoader(f"scripts_{name}", str(ROOT / "scripts" / name))
+    """Import a file of scripts/ or studies/, which an import statement cannot find without a suffix."""
+    [path] = [path for path in (ROOT / "scripts" / name, ROOT / "studies" / name) if path.exists()]
+    loader = SourceFileLoader(f"script_{name}", str(path))
     module = module_from_spec(spec_from_loader(loader.name, loader))
     sys.modules[loader.name] = module
     loader.exec_module(module)

@@ -1,4 +1,4 @@
-"""Lines of baselines as `scripts/baselines` writes them, without any training."""
+"""Lines of baselines as `studies/baselines` writes them, without any training."""
 
 from __future__ import annotations
 
