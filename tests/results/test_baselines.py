@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from helpers import ROOT, script
-from helpers.baseline_lines import baseline
+from helpers.evaluating import baseline
 
 import ibdata
 from ibdata.evaluation.baselines import FILE, Baseline, measured, shipped_baselines
