@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 from helpers import by_hand
-from helpers.watching import Watching
+from helpers.policies import Watching
 
 import ibdata
 from ibdata.environment.replayed import Noise, Replay

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.evaluating import NUDGE, returns
-from helpers.watching import Watching
+from helpers.policies import Watching
 
 import ibdata
 from ibdata import evaluate

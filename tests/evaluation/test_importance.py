@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from helpers.weighing import POLICY, Data, policy_of
+from helpers.evaluating import POLICY, Data, policy_of
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.playing import playing
+from helpers.policies import playing
 from helpers.remembering import Deciding, Recurrent, Resetting
 
 from ibdata import evaluate, generate
