@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.forging import seal
-from helpers.levels import FULL
-from helpers.recorded import recorded_episode
+from helpers import FULL
+from helpers.by_hand import recorded_episode
+from helpers.folders import seal
 
 from ibdata.dataset import manifest
 from ibdata.writing.metadata import as_json
@@ -28,7 +28,7 @@ signal.signal(signal.SIGHUP, lambda number, frame: None)
 if not FULL:
     os.fsync = lambda descriptor: None  # 30 waits for the disk in each run; those of children stay
 
-pytest_plugins = ["helpers.datasets", "helpers.forks", "helpers.use_with"]
+pytest_plugins = ["helpers.datasets", "helpers.forks", "helpers.pages"]
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 ShardFile = Callable[[str | Path, int], str]
@@ -120,5 +120,5 @@ def case(request: pytest.FixtureRequest) -> dict[str, Any]:
 
 @pytest.fixture(scope="session")
 def recorded(case: dict[str, Any]) -> Any:
-    """An episode of a dataset with these settings; see `helpers/recorded.py`."""
+    """An episode of a dataset with these settings; see `helpers/by_hand.py`."""
     return recorded_episode(**case)

@@ -29,7 +29,12 @@ generate importance load merge noise_floor open quality repair reproduce save_ne
 state_at true_values validate
 """
 DYNAMICS = "PAPER SIEMENS VARIANTS Noise State Variant initial_state step"
-SCRIPTS = [path for path in (ROOT / "scripts").rglob("*") if path.is_file() and path.suffix in ("", ".py")]
+SCRIPTS = [
+    path
+    for folder in ("scripts", "studies")
+    for path in (ROOT / folder).rglob("*")
+    if path.is_file() and path.suffix in ("", ".py")
+]
 
 
 def lines(path: Path) -> list[str]:

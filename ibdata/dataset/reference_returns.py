@@ -2,7 +2,7 @@
 
 A score is 0 for `random` and 100 for `optimized`; an expert score is 0 for `random` and 100 for `expert`.
 
-scripts/reference-returns makes `reference_returns.json`, in which a list of values stands for a `Measured`.
+studies/reference-returns makes `reference_returns.json`, in which a list of values stands for a `Measured`.
 Reading it needs neither the simulator nor a policy.
 """
 

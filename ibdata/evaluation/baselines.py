@@ -1,6 +1,6 @@
 """Results of offline algorithms on shipped experiments, and how an evaluation compares with them.
 
-`scripts/baselines` makes the results.
+`studies/baselines` makes the results.
 """
 
 from __future__ import annotations

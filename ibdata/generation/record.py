@@ -19,6 +19,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import rollout
 from ibdata.experiment.scenario import other_dynamics
 from ibdata.policies.live import LIVE
+from ibdata.policies.user_object import refuse_shared
 from ibdata.system.files import plain_bytes, write, write_new
 from ibdata.system.part import NOTE
 from ibdata.system.signals import check
@@ -92,6 +93,9 @@ def _code(spec: DatasetSpec) -> list[Code]:
     policies = user_objects(spec)
     for policy in policies:
         policy.check_once()
+    for experiment in spec.experiments:
+        for policy_of_label in experiment.policies:
+            refuse_shared(policy_of_label)
     for experiment in spec.experiments:
         warm_up(experiment)
     return record(policies)

@@ -15,7 +15,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment.code import customs, live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.rollout import Memory
+from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.process import Process, Progress, Worker
 from ibdata.system.processes import available_processors
 from ibdata.system.signals import check, held
@@ -179,7 +179,7 @@ def make_shard(
     """
     memory = None
     if not overlap:  # a piece is written before the next is simulated
-        memory = _of_thread.memory = getattr(_of_thread, "memory", None) or Memory()
+        memory = _of_thread.memory = getattr(_of_thread, "memory", None) or TableBuffer()
     with shard_writer(spec, shard, root / DATASET, overlap) as writer:
         for piece in simulated(spec, shard, memory):
             if stopped is not None and stopped.is_set():

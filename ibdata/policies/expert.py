@@ -38,7 +38,7 @@ from ibdata.policies.base import (
     Steps,
 )
 
-FILE = Path(__file__).with_name("expert.json")  # made by scripts/expert
+FILE = Path(__file__).with_name("expert.json")  # made by studies/expert
 # Columns of a table: the setpoint, the velocity to aim at, and the best gains at velocities 0, 5 … 100.
 AIM, GAINS, SPACING = 1, 2, 5.0
 TURNING = 0.1294  # effective shift at which the direction turns to 0, just inside the safe zone
@@ -67,7 +67,7 @@ class Expert(Deterministic):
     waits in the safe zone until φ must be 0. A table gives the velocity and the gain of a setpoint. In
     `siemens`, the velocity rises and the gain falls as its estimate of μᵛ grows. After two observations with
     α > 0.75 there is a runaway: the gain goes up until its own μ is reset; if α stays high, the velocity
-    goes to where gain 0 resets μᵛ. `scripts/expert` finds the numbers.
+    goes to where gain 0 resets μᵛ. `studies/expert` finds the numbers.
     """
 
     # It remembers domain, response, direction, the steps until these are known, μᵛ, and the state of alarm.

@@ -18,7 +18,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column, columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.rollout import Columns, Memory, parts, rollout
+from ibdata.experiment.rollout import Columns, TableBuffer, parts, rollout
 
 ROW_GROUP_ROWS = 100_000
 BATCH_ROWS = 65_536  # that are read from a file at a time
@@ -75,7 +75,7 @@ class Piece(NamedTuple):
         return policy_numbers(self.experiment, self.episodes)
 
 
-def simulated(spec: DatasetSpec, shard: Shard, memory: Memory | None = None) -> Iterator[Piece]:
+def simulated(spec: DatasetSpec, shard: Shard, memory: TableBuffer | None = None) -> Iterator[Piece]:
     """Simulate a shard piece by piece. With `memory`, a piece is gone when the next one is made."""
     experiment = spec.of_shard(shard)
     for first, stop in parts(experiment, shard.first, shard.stop):

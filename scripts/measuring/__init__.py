@@ -1,1 +1,1 @@
-"""Modules that several scripts share: measurements, and the documents that hold their results."""
+"""Modules that scripts/ and studies/ share: measurements, and the documents that hold their results."""

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from helpers.tiny import FOUR_SHARDS
+from helpers.datasets import FOUR_SHARDS
 
 import ibdata
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from helpers.forging import seal
-from helpers.tiny import PLAIN
+from helpers.datasets import PLAIN
+from helpers.folders import seal
 
 from ibdata.writing.metadata import as_json
 

@@ -12,7 +12,7 @@ import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from helpers.python import python
+from helpers import python
 
 import ibdata
 from ibdata.errors import UsageError

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted((ROOT / "docs").glob("*.md"))}
 # A page that the tests of a bridge name needs the bridge's library; it is run there.
-BRIDGES = [*(ROOT / "tests/bridges").rglob("*.py"), ROOT / "tests/helpers/use_with.py"]
+BRIDGES = [*(ROOT / "tests/bridges").rglob("*.py"), ROOT / "tests/helpers/pages.py"]
 BRIDGED = "".join(path.read_text(encoding="utf-8") for path in BRIDGES)
 GUIDES = {name: text for name, text in PAGES.items() if name not in BRIDGED and blocks(text, "(?:python|sh)")}
 # The parts of other pages that need no more than the core.

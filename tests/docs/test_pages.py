@@ -20,7 +20,7 @@ from ibdata.policies import POLICIES
 DOCS = ROOT / "docs"
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in DOCS.glob("*.md")}
 USE_WITH = PAGES["use-with.md"]
-LINKED = [*DOCS.glob("*.md"), *ROOT.glob("*.md")]
+LINKED = [*DOCS.glob("*.md"), *ROOT.glob("*.md"), ROOT / "studies/README.md"]
 PROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 EXTRAS = dict(
     re.findall(
@@ -39,7 +39,9 @@ def test_links_pictures_and_paths_lead_somewhere(page):
     links = [target for target in re.findall(r"\]\(([^)#\s]+)", prose) if "://" not in target]
     assert [target for target in links if not (page.parent / target).exists()] == []
     folder, missing = ROOT, []
-    for name in re.findall(r"`((?:ibdata|tests|scripts|configs|docs|\.ci)/[\w./-]+|test_\w+\.py)`", text):
+    for name in re.findall(
+        r"`((?:ibdata|tests|scripts|studies|configs|docs|\.ci)/[\w./-]+|test_\w+\.py)`", text
+    ):
         path = ROOT / name if "/" in name else folder / name
         folder = path.parent
         if not path.exists():

@@ -54,6 +54,14 @@ def test_no_page_installs_by_name_before_publication():
     assert "not published" in (ROOT / "docs/install.md").read_text(encoding="utf-8")
 
 
+def test_every_study_has_a_row():
+    studies = {path.name for path in (ROOT / "studies").iterdir() if path.is_file() and not path.suffix}
+    rows = re.findall(
+        r"^\| `(.+?)` \|", (ROOT / "studies/README.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert sorted(rows) == sorted(studies)
+
+
 def test_every_folder_of_tests_has_a_bridge():
     folders = {path.name for path in (ROOT / "tests/bridges").iterdir()}
     assert {path.stem.partition("-")[0] for path in BRIDGES} == folders

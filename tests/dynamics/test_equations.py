@@ -12,7 +12,7 @@ import mpmath
 import numpy as np
 import pytest
 from helpers import printed_equations as printed
-from helpers.examples import tries
+from helpers import tries
 from hypothesis import given
 from hypothesis import strategies as st
 

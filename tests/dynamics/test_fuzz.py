@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers import tape
-from helpers.examples import tries
+from helpers import tape, tries
 from hypothesis import given
 from hypothesis import strategies as st
 

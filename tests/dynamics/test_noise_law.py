@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.levels import FULL
+from helpers import FULL
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
 from ibdata.dynamics.noise_law import (

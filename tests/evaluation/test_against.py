@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.baseline_lines import baseline as made
+from helpers.evaluating import baseline as made
 
 import ibdata
 from ibdata import IbdataError

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from helpers.versions import POLICY, constant, evaluated
+from helpers.own_code import POLICY, constant, evaluated
 
 import ibdata
 from ibdata.errors import UsageError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers import by_hand
 from helpers.evaluating import NUDGE, returns
-from helpers.watching import Watching
+from helpers.policies import Watching
 
 from ibdata import evaluate
 from ibdata.dynamics import SIEMENS, initial_state

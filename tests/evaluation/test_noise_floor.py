@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.levels import FULL
+from helpers import FULL
 
 import ibdata
 from ibdata import noise_floor, state_at

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 from helpers import ROOT
-from helpers.weighing import BAD, NETWORK, POLICY, Data, few, policy_of, supported
+from helpers.evaluating import BAD, NETWORK, POLICY, Data, few, policy_of, supported
 
 from ibdata.errors import UsageError
 from ibdata.evaluation import overlap

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 import pytest
 from helpers import by_hand
-from helpers.asking import proposed
+from helpers.policies import proposed
 from helpers.remembering import Deciding
 
 from ibdata import state_at, true_values

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from helpers.examples import tries
+from helpers import tries
 from hypothesis import given
 from hypothesis import strategies as st
 

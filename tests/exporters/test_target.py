@@ -4,7 +4,7 @@ import os
 
 import pytest
 from exporters.reading import holds, one_setpoint
-from helpers.python import python
+from helpers import python
 
 import ibdata
 from ibdata.errors import IbdataError, UsageError

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
+from helpers.datasets import TEN_SHARDS as TEN
 from helpers.folders import contents, is_right, part_of
-from helpers.tiny import TEN_SHARDS as TEN
 
 import ibdata
 from ibdata import IbdataError

@@ -1,8 +1,8 @@
 """A failed or interrupted run says so in one line, and leaves shards to go on with, or nothing."""
 
 import pytest
+from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right, receipts
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata import IbdataError

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.own_code import PLAIN, generate, sha256, stopped
-from helpers.python import python
-from helpers.versions import POLICY
+from helpers import python
+from helpers.own_code import PLAIN, POLICY, generate, sha256, stopped
 
 import ibdata
 import ibdata as library

@@ -4,8 +4,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right, part_of
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.dataset import manifest

@@ -6,8 +6,8 @@ import stat
 from pathlib import Path
 
 import pytest
+from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import part_of
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.system import part

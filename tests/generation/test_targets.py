@@ -5,8 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.errors import UsageError

@@ -5,9 +5,9 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
-from helpers.at_url import made
+from helpers.datasets import FOUR_SHARDS as TINY
+from helpers.datasets import four_shards_at
 from helpers.folders import is_right, part_of
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata import IbdataError
@@ -83,24 +83,24 @@ def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, ti
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", Mock(side_effect=OSError(5, "lost")))
         with pytest.raises(IbdataError, match="--resume tries again"):
-            made(url)
+            four_shards_at(url)
     next(Path("cache/dataset/data").iterdir()).unlink()
-    made(url, resume=True)
+    four_shards_at(url, resume=True)
     assert files("there") == files(tiny[0].path)
 
 
 def test_a_dataset_that_is_not_whole_is_not_already_there(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     url = f"{tmp_path.as_uri()}/there"
-    made(url)
+    four_shards_at(url)
     next(Path("there/data").glob("part-00002-*")).unlink()
     for call in (
-        lambda: made(url),
-        lambda: made("there"),
-        lambda: made("there", shards="1/2"),
+        lambda: four_shards_at(url),
+        lambda: four_shards_at("there"),
+        lambda: four_shards_at("there", shards="1/2"),
         lambda: ibdata.finalize("there"),
     ):
         with pytest.raises(DatasetError, match=r"there/data/part-00002-.*: missing or not whole, but"):
             call()
     assert ibdata.repair("there") != []
-    assert made(url).content_root == made("there").content_root
+    assert four_shards_at(url).content_root == four_shards_at("there").content_root

@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
+from helpers import python
+from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right, part_of, receipts
-from helpers.python import python
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata import Experiment, IbdataError

@@ -1,4 +1,4 @@
-"""Datasets that several tests read, and a second, simple implementation of episode digests."""
+"""Experiments and datasets that several tests read, and a second, simple implementation of digests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ import pyarrow as pa
 import pytest
 
 import ibdata
-from helpers.tiny import FOUR_SHARDS
 from ibdata import Dataset, Experiment
 from ibdata.writing.columns import STATISTICS
 
@@ -24,6 +23,41 @@ AS_WRITTEN: dict[str, Any] = {"write_statistics": list(STATISTICS), "use_diction
 Made = Callable[[Any, Path], Dataset]
 Digests = Callable[[pa.Table], dict[int, bytes]]
 Root = Callable[[Dataset, pa.Table], str]
+# The shards of these two have one episode each.
+FOUR_SHARDS = Experiment.model_validate(
+    {
+        "name": "tiny",
+        "setpoints": [20.0, 70.0],
+        "policies": [{"kind": "random"}],
+        "episodes": 2,
+        "steps": 5,
+        "output": {"shard_rows": 5},
+    }
+)
+TEN_SHARDS = FOUR_SHARDS.model_copy(update={"episodes": 5})
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 70.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 3,
+    "steps": 20,
+    "output": {"shard_rows": 40},
+    "splits": {"source": {"setpoint": 20}},
+}
+MANY = {  # for splits
+    "name": "many",
+    "setpoints": [10.0, 30.0, 50.0, 75.0, 90.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 5,
+    "steps": 4,
+    "output": {"shard_rows": 40},
+    "splits": {"low": {"setpoint": [10, 30], "overlap": True}},
+}
+
+
+def four_shards_at(url: Path | str, **options: Any) -> Dataset:
+    """The dataset of FOUR_SHARDS at a place or a URL."""
+    return ibdata.generate(FOUR_SHARDS, url, workers=1, **options)
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,17 @@
-"""What is in folders, finished or not."""
+"""What is in folders, finished or not, and true hashes for a changed dataset."""
 
 from __future__ import annotations
 
+import hashlib
+import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+from ibdata.dataset import manifest
+from ibdata.writing.metadata import as_json
+
+Json = dict[str, Any]
 
 
 def contents(folder="."):
@@ -24,3 +33,14 @@ def receipts(place):
 def is_right(made, plain, files):
     """Whether a folder holds the files of another with the same dataset, and no part is left beside it."""
     return files(made) == files(plain) and not part_of(made).exists()
+
+
+def seal(folder: Path, change: Callable[[Json], object] = lambda manifest: None) -> None:
+    """Give the manifest the hashes of all files as they are, then change it, then give it its checksum."""
+    sealed = json.loads((folder / manifest.PATH).read_bytes())
+    for file in sealed["files"]:
+        data = (folder / file["path"]).read_bytes()
+        file |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    change(sealed)
+    sealed["checksum"] = manifest.checksum(sealed)
+    (folder / manifest.PATH).write_bytes(as_json(sealed))

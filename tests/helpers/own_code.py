@@ -1,17 +1,20 @@
-"""A custom policy of several files, and runs with it that stop."""
+"""Custom policies of one file and of several, and runs with them."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import textwrap
 from pathlib import Path
 
 import pytest
 
 import ibdata
 from helpers.folders import receipts
+from ibdata import Experiment
 from ibdata.errors import IbdataError
 
+# A policy of several files, whose run stops in the third of four shards while `at-70-stop.py` is there.
 PLAIN = {
     "name": "own",
     "setpoints": [20.0, 70.0],
@@ -42,9 +45,60 @@ FILES = {
     "own.yaml": json.dumps(PLAIN),
     "at-70-stop.py": "raise RuntimeError('stopped')",
 }
+# A module `mine` with policies in each of the forms that a target takes.
+CODE = textwrap.dedent("""
+    import numpy as np
+
+    open("imported", "w").close()
+
+    class Actor:
+        def __init__(self, gain=0.0):
+            self.gain = gain
+
+        def act(self, history, u):
+            return self.gain * (2.0 * u - 1.0) + 0.001 * history[:, 0, 1:4]
+
+    class Learned:
+        def predict(self, observations):
+            return np.tanh(observations[:, 7:10] / 100.0), None
+
+    def made(value):
+        return type("Still", (), {"predict": lambda self, x: np.full((len(x), 3), value)})()
+
+    def still(observations, value=0.125):
+        return np.full((len(observations), 3), value)
+
+    def by_name(obs):
+        return still(obs)
+
+    actor = Actor(0.25)
+    nothing = object()
+
+    def failing():
+        raise RuntimeError("no weights")
+
+    calls = []
+
+    def counting(observations):
+        calls.append(0)
+        return still(observations, len(calls) / 1000.0)
+""")
+# A policy with a helper module.
+POLICY = """
+import numpy as np
+
+def act(history, u):
+    from size_of_version import SIZE
+    return np.full((len(history), 3), SIZE)
+
+class Own:
+    def act(self, history, u):
+        return act(history, u)
+"""
 
 
 def generate(out="out", **options):
+    """The dataset of `own.yaml`."""
     return ibdata.generate("own.yaml", out, allow_code=True, **{"workers": 1, **options})
 
 
@@ -58,3 +112,26 @@ def stopped(out="out", **options):
 
 def sha256(path):
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def described(**policy):
+    """An experiment with a custom policy of these options."""
+    return Experiment.model_validate(
+        {
+            "name": "own",
+            "setpoints": [20.0, 70.0],
+            "policies": [{"kind": "custom", **policy}],
+            "steps": 4,
+            "output": {"shard_rows": 4},
+        }
+    )
+
+
+def evaluated(*policies):
+    """The returns of policies in a few short episodes."""
+    return ibdata.evaluate(list(policies), allow_code=True, episodes=3, steps=4, setpoint=70).returns[:, 0]
+
+
+def constant(size):
+    """The returns of a policy that always takes one action."""
+    return evaluated({"kind": "constant", "action": [size] * 3})[0]

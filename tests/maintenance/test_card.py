@@ -10,8 +10,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from helpers.datasets import PLAIN
 from helpers.folders import contents
-from helpers.tiny import PLAIN
 
 import ibdata
 from ibdata.dataset import manifest

@@ -1,7 +1,7 @@
 """After `ibdata warm-up` nothing is left to compile."""
 
 import pytest
-from helpers.python import python
+from helpers import python
 
 from ibdata.errors import IbdataError
 from ibdata.maintenance import compile_all

@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.forging import seal
+from helpers.folders import seal
 
 import ibdata
 from ibdata.errors import UsageError

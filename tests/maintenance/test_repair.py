@@ -10,9 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from helpers.folders import contents
-from helpers.forging import seal
-from helpers.tiny import PLAIN
+from helpers.datasets import PLAIN
+from helpers.folders import contents, seal
 
 import ibdata
 from ibdata.dataset import manifest

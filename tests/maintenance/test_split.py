@@ -5,8 +5,8 @@ from itertools import combinations
 
 import pyarrow.parquet as pq
 import pytest
+from helpers.datasets import MANY
 from helpers.folders import contents
-from helpers.tiny import MANY
 
 import ibdata
 from ibdata.dataset import manifest

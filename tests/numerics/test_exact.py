@@ -7,7 +7,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from helpers.examples import tries
+from helpers import tries
 from hypothesis import given
 from hypothesis import strategies as st
 

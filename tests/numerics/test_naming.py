@@ -8,7 +8,7 @@ import string
 
 import numpy as np
 import pytest
-from helpers.examples import tries
+from helpers import tries
 from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter

@@ -16,7 +16,7 @@ import hashlib
 
 import numpy as np
 import pytest
-from helpers.examples import tries
+from helpers import tries
 from hypothesis import example, given
 from hypothesis import strategies as st
 

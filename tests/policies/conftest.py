@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 
 import pytest
-from helpers.blocks import actor
-from helpers.custom_policies import CODE
+from helpers.networks import actor
+from helpers.own_code import CODE
 
 
 @pytest.fixture

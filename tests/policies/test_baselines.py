@@ -5,7 +5,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from helpers.asking import action_of, log_density_of, proposed
+from helpers.policies import action_of, log_density_of, proposed
 
 from ibdata.policies import POLICIES
 from ibdata.policies.baselines import OBSERVATION_MEAN, OBSERVATION_STD

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.asking import distribution
-from helpers.playing import played, playing
+from helpers.policies import distribution, played, playing
 
 from ibdata.experiment import Experiment
 from ibdata.policies import POLICIES

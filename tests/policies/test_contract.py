@@ -11,9 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.asking import log_density_of
-from helpers.blocks import BLOCKS, policy_of
-from helpers.playing import playing
+from helpers.policies import BLOCKS, log_density_of, playing, policy_of
 from pydantic import ValidationError
 
 import ibdata

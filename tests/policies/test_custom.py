@@ -7,8 +7,8 @@ import hashlib
 import numba
 import numpy as np
 import pytest
-from helpers.asking import proposed
-from helpers.custom_policies import described
+from helpers.own_code import described
+from helpers.policies import proposed
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError

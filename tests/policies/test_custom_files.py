@@ -6,7 +6,7 @@ import hashlib
 import sys
 
 import pytest
-from helpers.custom_policies import described
+from helpers.own_code import described
 
 import ibdata
 from ibdata.errors import UsageError

@@ -7,7 +7,6 @@ import inspect
 import numpy as np
 import pytest
 from helpers import remembering
-from helpers.custom_policies import PLAIN
 
 import ibdata
 from ibdata.errors import PolicyError
@@ -23,7 +22,7 @@ def make(mine):
     def make(name, rows=100, workers=1, **options):
         block = {"kind": "custom", "target": f"remembering.py:{name}", **options}
         sticky = {"kind": "sticky", "base": block, "kappa": 0.3}
-        plain = {**PLAIN, "setpoints": [20, 70], "policies": [block, sticky], "episodes": 3, "steps": 12}
+        plain = {"name": "x", "setpoints": [20, 70], "policies": [block, sticky], "episodes": 3, "steps": 12}
         experiment = load({**plain, "output": {"shard_rows": rows}})
         out = f"{name}-{rows}-{workers}"
         return ibdata.generate(experiment, out, workers=workers, allow_code=True)

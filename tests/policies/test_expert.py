@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers import ROOT, script
-from helpers.levels import FULL
+from helpers import FULL, ROOT, script
 
 import ibdata
 from ibdata.dynamics import VARIANTS

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.models import Model, layers
+from helpers.networks import Model, layers
 
 import ibdata
 from ibdata.errors import UsageError

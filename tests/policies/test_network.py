@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 from helpers import networks
-from helpers.asking import action_of, proposed
+from helpers.policies import action_of, proposed
 from pydantic import ValidationError
 
 from ibdata.experiment import load

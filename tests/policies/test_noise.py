@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.asking import drawn
-from helpers.playing import played, playing
+from helpers.policies import drawn, played, playing
 
 from ibdata.policies import POLICIES
 from ibdata.policies.noise import transform

@@ -13,10 +13,8 @@ from itertools import pairwise, product
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.asking import distribution, drawn
-from helpers.blocks import BASE, BLOCKS, SAFE, policy_of
-from helpers.levels import FULL
-from helpers.playing import playing
+from helpers import FULL
+from helpers.policies import BASE, BLOCKS, SAFE, distribution, drawn, playing, policy_of
 
 from ibdata.policies.actions import applied
 

@@ -7,7 +7,7 @@ from statistics import NormalDist
 import mpmath
 import numpy as np
 import pytest
-from helpers.asking import distribution, log_density_of, proposed
+from helpers.policies import distribution, log_density_of, proposed
 
 from ibdata.policies import POLICIES
 from ibdata.policies import baselines as module

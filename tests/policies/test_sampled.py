@@ -7,8 +7,8 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from helpers.asking import distribution
-from helpers.blocks import actor
+from helpers.networks import actor
+from helpers.policies import distribution
 
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Needs, at_start

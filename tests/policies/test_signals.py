@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.playing import played
+from helpers.policies import played
 
 from ibdata.policies import POLICIES
 from ibdata.policies.signals import TAPS, sequence, waves

@@ -6,7 +6,7 @@ import importlib.util
 
 import numpy as np
 import pytest
-from helpers.asking import proposed
+from helpers.policies import proposed
 
 from ibdata.evaluation.policies import policy_of
 from ibdata.policies.checked import AnswerError

@@ -8,7 +8,7 @@ import types
 
 import numpy as np
 import pytest
-from helpers.asking import proposed
+from helpers.policies import proposed
 
 from ibdata.errors import UsageError
 from ibdata.evaluation.policies import policy_of

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 from helpers import networks
-from helpers.models import Linear, Parameter
+from helpers.networks import Linear, Parameter
 
 from ibdata.errors import UsageError
 from ibdata.policies.save_network import save_network

@@ -5,8 +5,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from helpers.asking import log_density_of, proposed
-from helpers.blocks import BASE
+from helpers.policies import BASE, log_density_of, proposed
 
 from ibdata.numerics.exact import LOG_SQRT_2PI, log_cdf
 from ibdata.policies import POLICIES

@@ -15,8 +15,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from helpers import ROOT, tapes
-from helpers import replay as replaying
+from helpers import ROOT
+from reference import tapes
 
 import ibdata.dynamics
 
@@ -89,11 +89,11 @@ def mutate(name, folder):
 
 
 def replay(folder, files):
-    """The report of `helpers/replay.py` with the package in `folder`, not compiled; errors are raised."""
+    """The report of `reference/tapes.py` with the package in `folder`, not compiled; errors are raised."""
     path = os.pathsep.join([str(folder), str(ROOT / "tests")])
     env = os.environ | {"PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     env |= {"NUMBA_DISABLE_JIT": "1", "IBDATA_CACHE_DIR": str(folder)}
-    command = [sys.executable, "-m", "helpers.replay", *files]
+    command = [sys.executable, "-m", "reference.tapes", *files]
     child = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
     report = json.loads(child.stdout)
@@ -109,7 +109,7 @@ def worst(tmp_path_factory):
     for drifting in (False, True):
         tape = tapes.make((2, 50, 98), drifting, 300, 8)
         files.append(str(root / f"{drifting}.npz"))
-        replaying.save(files[-1], tape, tapes.run_ibdata(tape, "siemens"))
+        tapes.save(files[-1], tape, tapes.run_ibdata(tape, "siemens"))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         yield {
             name: pool.submit(lambda n, folder: replay(mutate(n, folder), files), name, root / f"mutant{i}")

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import FULL
 from helpers import printed_equations as printed
-from helpers import published, tapes
-from helpers.levels import FULL
+from reference import published, tapes
 
 from ibdata.dynamics import VARIANTS
 from ibdata.dynamics.state import FIELDS

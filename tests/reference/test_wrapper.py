@@ -8,7 +8,8 @@ import warnings
 
 import numpy as np
 import pytest
-from helpers import ROOT, published
+from helpers import ROOT
+from reference import published
 
 from ibdata.environment.actions import DISCRETE
 

@@ -8,13 +8,13 @@ import sys
 import numpy as np
 import pytest
 from helpers import ROOT, script
-from helpers.baseline_lines import baseline
+from helpers.evaluating import baseline
 
 import ibdata
 from ibdata.evaluation.baselines import FILE, Baseline, measured, shipped_baselines
 from ibdata.policies import expert
 from measuring.documents import measured as tables_of
-from training import page
+from training import baselines_page as page
 from training.runner import Runner
 
 LINES = shipped_baselines()
@@ -174,7 +174,7 @@ def test_the_behaviour_is_played_again_with_the_same_returns(baselines, monkeypa
     class Dataset:
         content_root = "0" * 64
 
-    monkeypatch.setattr(baselines.sets, "dataset", lambda name, data: Dataset)
+    monkeypatch.setattr(baselines.runner, "dataset", lambda name, data: Dataset)
     shipped = {each.set: each for each in LINES if each.algorithm == "behaviour"}
     for name in ("siemens-offline/optimized-40", "siemens-offline/bad-0"):
         again = baselines.behaviour(baselines.Run(name, "behaviour", None), None)

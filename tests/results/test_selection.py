@@ -12,8 +12,8 @@ import pytest
 from helpers import ROOT
 
 from measuring.documents import measured as tables_of
-from training import selecting, selection_page
-from training.selecting import ESTIMATORS, Checkpoint, Estimate, Line, plan
+from training import selection
+from training.selection import ESTIMATORS, Checkpoint, Estimate, Line, plan
 
 FILE = ROOT / "docs" / "policy-selection.jsonl"
 LINES = [Line.model_validate_json(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
@@ -47,41 +47,41 @@ def line(one: Checkpoint, value: float = -6000.0, **estimates: float | None) -> 
     ],
 )
 def test_the_rank_correlation_is_spearmans(estimates, expected):
-    assert selecting.rank_correlation(FOUR, np.array(estimates)) == pytest.approx(expected, nan_ok=True)
+    assert selection.rank_correlation(FOUR, np.array(estimates)) == pytest.approx(expected, nan_ok=True)
 
 
 def test_the_regret_is_what_the_best_chosen_policy_lacks():
     estimates = np.array([4.0, 1.0, 2.0, 3.0])  # chooses -5, then -4, -2, -1
-    assert [selecting.regret(FOUR, estimates, k) for k in (1, 2, 3, 4)] == [4.0, 3.0, 1.0, 0.0]
-    assert selecting.regret(FOUR, np.zeros(4), 1) == 4.0  # the first
+    assert [selection.regret(FOUR, estimates, k) for k in (1, 2, 3, 4)] == [4.0, 3.0, 1.0, 0.0]
+    assert selection.regret(FOUR, np.zeros(4), 1) == 4.0  # the first
 
 
 def test_the_regret_of_chance_is_the_mean_over_all_choices():
     for k in (1, 2, 3, 4):
         choices = [FOUR.max() - max(chosen) for chosen in itertools.combinations(FOUR, k)]
-        assert selecting.chance_regret(FOUR, k) == pytest.approx(np.mean(choices))
+        assert selection.chance_regret(FOUR, k) == pytest.approx(np.mean(choices))
 
 
 def test_an_interval_is_that_of_resampled_policies():
     draws = np.random.default_rng(3)
     values = draws.normal(size=20)
     estimates = values + draws.normal(size=20)
-    found = selecting.measured(values, estimates, selecting.absolute_error)
-    assert found.value == selecting.absolute_error(values, estimates)
+    found = selection.measured(values, estimates, selection.absolute_error)
+    assert found.value == selection.absolute_error(values, estimates)
     errors = np.abs(estimates - values)
     half = 1.96 * errors.std() / math.sqrt(20)
     assert (found.low, found.high) == pytest.approx((errors.mean() - half, errors.mean() + half), abs=0.1)
-    sure = selecting.measured(values, values - 3.0, selecting.absolute_error)
+    sure = selection.measured(values, values - 3.0, selection.absolute_error)
     assert sure == pytest.approx((3.0, 3.0, 3.0))
-    assert all(map(math.isnan, selecting.measured(values, np.zeros(20), selecting.rank_correlation)))
+    assert all(map(math.isnan, selection.measured(values, np.zeros(20), selection.rank_correlation)))
 
 
 def test_an_estimator_that_lacks_one_policy_has_no_measures():
-    one = [one for one in plan() if one.set == selecting.SETS[0]]
+    one = [one for one in plan() if one.set == selection.SETS[0]]
     lines = [line(each, -6000.0 - 10.0 * i) for i, each in enumerate(one)]
     lines[3] = line(one[3], weighted=None)
-    assert selecting.estimates_of(lines, "weighted") is None
-    rows = {row.split(" | ")[0]: row for row in selection_page.measures(lines).splitlines()}
+    assert selection.estimates_of(lines, "weighted") is None
+    rows = {row.split(" | ")[0]: row for row in selection.measures(lines).splitlines()}
     assert rows["| weighted IS"] == "| weighted IS | – | – | – | – |"
     assert rows["| FQE"].startswith("| FQE | 0.0 [0.0, 0.0] | 1.00 [1.00, 1.00] | 0.0 ")
 
@@ -99,7 +99,7 @@ def test_the_shipped_results_are_those_of_the_plan_in_its_order():
 
 @pytest.mark.slow
 def test_the_page_holds_the_shipped_results():
-    assert tables_of(PAGE) == f"\n{selection_page.block(LINES)}\n"
+    assert tables_of(PAGE) == f"\n{selection.block(LINES)}\n"
 
 
 def test_every_number_of_the_reading_stands_in_the_tables():

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from helpers.matrix import SIZE, UNMODIFIED, Matrix, Row
 from ruamel.yaml import YAML
+from same_bits.matrix import SIZE, UNMODIFIED, Matrix, Row
 
 HERE = Path(__file__).parent
 

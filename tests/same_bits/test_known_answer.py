@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from helpers.matrix import PACKAGE, Row
+from same_bits.matrix import PACKAGE, Row
 
 pytestmark = pytest.mark.same_bits
 

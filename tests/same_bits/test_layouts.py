@@ -5,7 +5,7 @@ import os
 from collections import defaultdict
 
 import pytest
-from helpers.matrix import Row
+from same_bits.matrix import Row
 
 pytestmark = pytest.mark.same_bits
 

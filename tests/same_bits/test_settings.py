@@ -1,8 +1,8 @@
 """Content roots on other processors, as numpy, OpenBLAS, numba and the C library see them, and uncompiled."""
 
 import pytest
-from helpers.matrix import HAS_AVX512, HAS_FMA, SIZE, Row
 from numpy._core import _multiarray_umath as umath
+from same_bits.matrix import HAS_AVX512, HAS_FMA, SIZE, Row
 
 pytestmark = pytest.mark.same_bits
 

@@ -6,9 +6,8 @@ import subprocess
 import sys
 
 import pytest
-from helpers import ROOT
-from helpers.matrix import UNMODIFIED, Row
-from helpers.python import PACKAGE
+from helpers import PACKAGE, ROOT
+from same_bits.matrix import UNMODIFIED, Row
 
 pytestmark = pytest.mark.same_bits
 

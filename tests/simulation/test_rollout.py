@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 import pytest
-from helpers.asking import action_of, log_density_of
+from helpers.policies import action_of, log_density_of
 
 from ibdata.dynamics import Noise, initial_state, step
 from ibdata.experiment import Experiment

@@ -11,8 +11,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.errors import BusyError, IbdataError

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.tiny import FOUR_SHARDS as TINY
+from helpers.datasets import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.cli import main

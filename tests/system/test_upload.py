@@ -4,9 +4,9 @@ import signal
 from pathlib import Path
 
 import pytest
-from helpers.at_url import made
+from helpers.datasets import FOUR_SHARDS as TINY
+from helpers.datasets import four_shards_at
 from helpers.folders import contents
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata.dataset import manifest
@@ -48,7 +48,7 @@ def interrupted(monkeypatch, url, puts, torn=False):
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
         with pytest.raises(IbdataError, match=r"there: cannot be written: connection lost; --resume tries"):
-            made(url)
+            four_shards_at(url)
 
 
 def test_the_files_of_a_folder_are_there_the_manifest_last(url, tiny, cache, is_whole, monkeypatch):
@@ -60,7 +60,7 @@ def test_the_files_of_a_folder_are_there_the_manifest_last(url, tiny, cache, is_
         PUT(self, source, path)
 
     monkeypatch.setattr(Remote, "put", noting)
-    dataset = made(url)
+    dataset = four_shards_at(url)
     assert is_whole()
     assert (len(paths), paths[-1]) == (FILES, manifest.PATH)
     assert dataset.table().equals(tiny[0].table())
@@ -68,7 +68,7 @@ def test_the_files_of_a_folder_are_there_the_manifest_last(url, tiny, cache, is_
     assert not contents(cache)
     paths.clear()
     for options in ({}, {"resume": True}):
-        assert made(url, **options).manifest == dataset.manifest
+        assert four_shards_at(url, **options).manifest == dataset.manifest
     assert paths == []
 
 
@@ -78,10 +78,10 @@ def test_a_broken_upload_is_repeated(url, monkeypatch, is_whole, puts, torn, cap
     before = contents("there")
     if before:
         with pytest.raises(IbdataError):
-            made(url)
+            four_shards_at(url)
         assert contents("there") == before
     monkeypatch.setattr("ibdata.generation.workers.make_shard", None)  # no shard is made again
-    made(url, resume=True)
+    four_shards_at(url, resume=True)
     assert is_whole()
     assert capsys.readouterr().err == ""
 
@@ -95,10 +95,10 @@ def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole, path, 
     before = contents("there")
     for options in ({}, {"resume": True}):
         with pytest.raises(UsageError, match=r"there: holds files, but no finished dataset, such as "):
-            made(url, **options)
+            four_shards_at(url, **options)
     assert contents("there") == before
     Path("there", path).unlink()
-    made(url, resume=True)
+    four_shards_at(url, resume=True)
     assert is_whole()
 
 
@@ -112,17 +112,17 @@ def test_a_signal_stops_an_upload(url, monkeypatch, is_whole):
     with monkeypatch.context() as patched:
         patched.setattr(Remote, "put", stopping)
         with pytest.raises(Interrupted, match=r"; the dataset is not uploaded; --resume uploads it$"):
-            made(url)
+            four_shards_at(url)
     assert len([path for path in Path("there").rglob("*") if path.is_file()]) == 1
-    made(url, resume=True)
+    four_shards_at(url, resume=True)
     assert is_whole()
 
 
 def test_what_a_url_cannot_do_is_refused(url, tmp_path):
     """An object store cannot exchange two folders; and a URL may name a folder of this machine."""
-    made(url)
+    four_shards_at(url)
     with pytest.raises(UsageError, match=f"^{url}: --overwrite is for folders"):
         ibdata.generate(TINY, url, workers=1, seed=1, overwrite=True)
     with pytest.raises(UsageError, match="lies within the dataset"):
-        made(f"file://{tmp_path}/there/data/in")
+        four_shards_at(f"file://{tmp_path}/there/data/in")
     assert not Path("there/data/in").exists()

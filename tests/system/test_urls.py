@@ -11,9 +11,9 @@ from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
-from helpers.at_url import made
+from helpers.datasets import FOUR_SHARDS as TINY
+from helpers.datasets import four_shards_at
 from helpers.folders import contents
-from helpers.tiny import FOUR_SHARDS as TINY
 from pyarrow import PythonFile
 from pyarrow.fs import FileSystem
 
@@ -46,19 +46,19 @@ def said(*args):
 
 @pytest.mark.parametrize("command", READERS)
 def test_a_reading_command_says_the_same_of_a_url(url, command):
-    made(url)
+    four_shards_at(url)
     assert said(command, url).replace(url, "there") == said(command, "there")
 
 
 def test_a_dataset_at_a_url_can_be_pickled(url):
     """As for the workers of a data loader."""
-    dataset = pickle.loads(pickle.dumps(made(url)))
+    dataset = pickle.loads(pickle.dumps(four_shards_at(url)))
     assert dataset.place == url
     assert dataset.table().equals(ibdata.open("there").table())
 
 
 def test_damage_is_found_and_named(url, shard_file):
-    made(url)
+    four_shards_at(url)
     shard = shard_file("there", 1)
     Path("there", shard).write_bytes(Path("there", shard).read_bytes()[:-1] + b"x")
     shutil.copy(Path("there", shard), "there/data/part-00009-00000000.parquet")
@@ -79,7 +79,7 @@ READS = {
 
 
 def test_errors_name_the_file_at_the_url(url):
-    made(url)
+    four_shards_at(url)
     for path, read in READS.items():
         file = next(Path("there").glob(path))
         file.write_bytes(b"{")
@@ -102,7 +102,12 @@ def test_credentials_in_urls_are_in_no_error(url, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     if url.startswith("odd"):
         monkeypatch.setitem(sys.modules, "fsspec", None)
-    calls = [ibdata.open, ibdata.validate, made, lambda url: ibdata.generate("random", url, shards="1/1")]
+    calls = [
+        ibdata.open,
+        ibdata.validate,
+        four_shards_at,
+        lambda url: ibdata.generate("random", url, shards="1/1"),
+    ]
     calls += [ibdata.repair, ibdata.split, lambda url: ibdata.merge([url, url], out="x")]
     calls += [lambda url: ibdata.generate("siemens-offline", out=url)]
     for i, call in enumerate(calls):
@@ -115,7 +120,7 @@ def test_credentials_in_urls_are_in_no_error(url, monkeypatch, tmp_path):
 
 def test_credentials_in_urls_are_in_no_result(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    made("there")
+    four_shards_at("there")
     files = FileSystem.from_uri(tmp_path.as_uri())[0]
     monkeypatch.setattr(storage, "_file_system", lambda url: (files, str(tmp_path / "there")))
     url = "s3://KEY:SECRET@bucket/there?secret_key=TOKEN"
@@ -152,7 +157,7 @@ WITHOUT_URLS = {
 
 def test_functions_that_take_no_url_say_so(url):
     """Nor a dataset at one; and they write nothing."""
-    dataset = made(url)
+    dataset = four_shards_at(url)
     shutil.copytree("there", "here")
     ibdata.generate(TINY, "other", workers=1, seed=1)
     before = contents()
@@ -195,14 +200,14 @@ BROKEN = {
     "read": ("torn", lambda url: ibdata.open(url)),
     "rows": ("torn rows", lambda url: ibdata.open(url).table()),
     "list": ("get_file_info", lambda url: ibdata.validate(url)),
-    "write": ("open_output_stream", lambda url: made(f"{url}-new")),
-    "list before writing": ("get_file_info", lambda url: made(f"{url}-new")),
+    "write": ("open_output_stream", lambda url: four_shards_at(f"{url}-new")),
+    "list before writing": ("get_file_info", lambda url: four_shards_at(f"{url}-new")),
 }
 
 
 @pytest.mark.parametrize(("method", "call"), BROKEN.values(), ids=BROKEN)
 def test_an_error_of_a_plug_in_is_one_line(url, monkeypatch, method, call):
-    made(url)
+    four_shards_at(url)
     files, base = FileSystem.from_uri(url)
     broken = Broken(files, method)
     if method.startswith("torn"):

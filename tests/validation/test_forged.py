@@ -8,7 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import AS_WRITTEN
-from helpers.forging import seal
+from helpers.folders import seal
 
 import ibdata
 from ibdata.dataset import manifest, parquet

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import AS_WRITTEN
-from helpers.forging import seal
+from helpers.folders import seal
 
 import ibdata
 import ibdata as library

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.examples import tries
+from helpers import tries
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -62,7 +62,7 @@ def test_a_run_does_not_depend_on_those_before_it(rows, algorithm):
 @pytest.fixture
 def baselines(small, monkeypatch):
     found = script("baselines")
-    monkeypatch.setattr(found.sets, "dataset", lambda name, data: small)
+    monkeypatch.setattr(found.runner, "dataset", lambda name, data: small)
     return found
 
 

@@ -11,8 +11,8 @@ from d3rlpy.preprocessing import StandardObservationScaler
 from gymnasium import Env, spaces
 from gymnasium.wrappers import FlattenObservation, FrameStackObservation
 from helpers import ROOT
-from helpers.asking import action_of, proposed
 from helpers.pages import check_guide
+from helpers.policies import action_of, proposed
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 

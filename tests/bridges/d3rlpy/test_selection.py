@@ -9,8 +9,8 @@ import torch
 from helpers import script
 
 import ibdata
-from training import estimators, offline, targets
-from training.selecting import ESTIMATORS, Checkpoint
+from training import estimators, offline
+from training.selection import ESTIMATORS, Checkpoint
 
 SMALL = ["episodes=20", "steps=100"]
 
@@ -30,18 +30,18 @@ def rows(small) -> offline.Rows:
 def policies(rows, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("policies")
     wanted = [Checkpoint("siemens-offline/global-100", "td3+bc", steps) for steps in (2, 5)]
-    targets.write_checkpoints(wanted, rows, folder)
+    estimators.write_checkpoints(wanted, rows, folder)
     return folder / "policies"
 
 
 @pytest.fixture(scope="module")
-def target(policies) -> targets.Target:
-    return targets.Target(policies / "siemens-offline-global-100-td3+bc-5.safetensors")
+def target(policies) -> estimators.Target:
+    return estimators.Target(policies / "siemens-offline-global-100-td3+bc-5.safetensors")
 
 
 def test_a_checkpoint_is_what_the_baseline_has_learned_so_far(rows, policies, tmp_path):
     for steps in (2, 5):
-        learned, _ = offline.train("td3+bc", rows, targets.SEED, steps)
+        learned, _ = offline.train("td3+bc", rows, estimators.SEED, steps)
         said = f"td3+bc on siemens-offline/global-100, seed 0, {steps} of 15000 steps"
         ibdata.save_network(tmp_path / "x", learned, history=offline.HISTORY, provenance=said)
         assert (policies / f"siemens-offline-global-100-td3+bc-{steps}.safetensors").read_bytes() == (
@@ -54,12 +54,12 @@ def test_draws_have_the_density_of_the_target(mean):
     """The share of the draws below some points is the integral of the density up to them."""
     n = 20_001
     u = torch.linspace(1.0 / n, 1.0 - 1.0 / n, n, dtype=torch.float64)[:, None].expand(-1, 3)
-    actions = targets.drawn(torch.full((n, 3), mean, dtype=torch.float64), u).numpy()
+    actions = estimators.drawn(torch.full((n, 3), mean, dtype=torch.float64), u).numpy()
     assert np.abs(actions).max() < 1.0
     assert np.array_equal(actions[:, 0], np.sort(actions[:, 0]))
     grid = np.linspace(-1.0, 1.0, 4001)
     middle = torch.from_numpy((grid[1:] + grid[:-1]) / 2.0)[:, None].expand(-1, 3)
-    density = np.exp(targets.log_density(torch.full_like(middle, mean), middle).numpy() / 3.0)
+    density = np.exp(estimators.log_density(torch.full_like(middle, mean), middle).numpy() / 3.0)
     below = np.cumsum(density) * np.diff(grid)
     assert below[-1] == pytest.approx(1.0, abs=1e-4)
     shares = np.searchsorted(actions[:, 0], grid[1:]) / n
@@ -102,13 +102,13 @@ def test_the_script_trains_what_is_missing(small, tmp_path, monkeypatch):
     selection, one = script("selection"), Checkpoint("siemens-offline/global-100", "bc", 4)
     other = one._replace(training_steps=2)
     monkeypatch.setattr(selection, "plan", lambda: [other, one, one._replace(algorithm="iql")])
-    monkeypatch.setattr(selection.sets, "dataset", lambda name, data, steps=None: small)
+    monkeypatch.setattr(selection.runner, "dataset", lambda name, data, steps=None: small)
     monkeypatch.setattr(selection, "EPISODES", 100)
     monkeypatch.setattr(estimators, "by_fqe", partial(estimators.by_fqe, fits=1))
     monkeypatch.setattr(estimators, "EXAMPLES", 2000)
     other.file(tmp_path).parent.mkdir()
     other.file(tmp_path).write_bytes(b"kept")
-    line, target = selection.made(one, tmp_path), targets.Target(one.file(tmp_path))
+    line, target = selection.made(one, tmp_path), estimators.Target(one.file(tmp_path))
     assert other.file(tmp_path).read_bytes() == b"kept"
     assert sorted(path.name for path in other.file(tmp_path).parent.iterdir()) == [
         "siemens-offline-global-100-bc-2.safetensors",

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import ray
 from helpers import ROOT
+from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.pages import blocks
-from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 

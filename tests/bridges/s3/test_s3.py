@@ -9,8 +9,8 @@ import boto3
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.datasets import PLAIN
 from helpers.pages import blocks
-from helpers.tiny import PLAIN
 from moto.server import ThreadedMotoServer
 
 import ibdata

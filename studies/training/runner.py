@@ -1,4 +1,7 @@
-"""Long runs, one after another, each of which adds a line to a file: what the file lacks is made."""
+"""Long runs on shipped sets, one after another, each of which adds a line to a file.
+
+What the file lacks is made. The datasets are made once and kept.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,11 @@ import sys
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+import ibdata
 
 PLACE = Path(os.environ.get("IBDATA_BASELINES") or Path.home() / ".cache" / "ibdata" / "baselines")
 
@@ -86,3 +92,20 @@ class Runner:
 def words_of(key: Any) -> set[str]:
     """The words that choose a run: its parts, and the name of its set without the folder."""
     return {word for part in map(str, key) for word in (part, part.rpartition("/")[2])}
+
+
+@lru_cache(maxsize=2)
+def dataset(name: str, data: Path, steps: int | None = None) -> ibdata.Dataset:
+    """The dataset of a shipped experiment, or the first steps of its episodes, without splits."""
+    folder = data / (name.replace("/", "-") + (f"-{steps}-steps" if steps else ""))
+    changes: dict[str, Any] = {"splits": {}, **({"steps": steps} if steps else {})}
+    made: ibdata.Dataset = ibdata.generate(name, folder, overrides=changes, workers=1, resume=True)
+    return made
+
+
+@lru_cache(maxsize=1)
+def rows(name: str, data: Path) -> Any:
+    """Its rows as the algorithms take them."""
+    from training.offline import rows_of
+
+    return rows_of(dataset(name, data))

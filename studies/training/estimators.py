@@ -1,7 +1,13 @@
-"""The estimators of docs/policy-selection.md: importance sampling, fitted Q evaluation, a learned model."""
+"""Target policies of docs/policy-selection.md and estimators of their values.
+
+A target is a network with noise, which gives it densities; the networks are checkpoints of the baselines'
+training. Their values are estimated by importance sampling, fitted Q evaluation and a learned model.
+"""
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
 from typing import Any
 
 import d3rlpy
@@ -11,16 +17,25 @@ import torch
 from d3rlpy.models.encoders import VectorEncoderFactory
 from d3rlpy.ope import FQE, FQEConfig
 from d3rlpy.preprocessing import StandardObservationScaler
+from torch.special import ndtr, ndtri
 
 import ibdata
 from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.importance import Importance
+from ibdata.policies import Decision, Distribution
+from ibdata.policies.base import Bools, Float32s, Needs, Observed, at_start
+from ibdata.policies.network import Network
 from ibdata.policies.weights_file import read
 from training.learned_model import Model, fitted_network
-from training.offline import DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows
-from training.targets import Target, drawn
+from training.offline import DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, STEPS, Rows, train
+from training.selection import Checkpoint
 
+SEED = 0  # of the training
+SCALE = 0.3  # of the noise
+EDGE = 1.0 - 2.0**-24  # the greatest number below 1 of float32
+LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
+Floats = npt.NDArray[np.float64]
 HORIZON = int(SETTINGS["steps"])
 DISCOUNTS = DISCOUNT ** np.arange(HORIZON)
 FITS, FIT_STEPS, FIT_BATCH, LEARNING_RATE = HORIZON, 50, 100, 3e-4  # of Q
@@ -28,7 +43,84 @@ STARTS = 1000  # from which Q and the model are averaged
 FRAMES, EXAMPLES = 10, 3_000_000  # of the model
 STEERED, PREDICTED = slice(0, 4), slice(4, 6)  # of an observation
 CHANGES = np.array([D_V, D_G, D_H])  # of velocity, gain and shift by an action of 1
-Floats = npt.NDArray[np.float64]
+
+
+class TruncatedNormal(Distribution):
+    """N(mean, SCALE²) for each number of an action, truncated to (-1, 1). So no action is at ±1.
+
+    Args:
+        mean: (n, 3), before the truncation, in [-1, 1], a tensor.
+    """
+
+    draws = 3
+
+    def __init__(self, mean: Any) -> None:
+        self.mean = mean
+
+    def sample(self, u: Floats) -> Floats:
+        actions: Floats = drawn(self.mean, torch.from_numpy(u)).numpy()
+        return actions
+
+    def log_density(self, action: Float32s) -> Floats:
+        density: Floats = log_density(self.mean, torch.from_numpy(action.astype(np.float64))).numpy()
+        return density
+
+    def atoms(self, action: Float32s) -> Bools:
+        return np.zeros(action.shape, dtype=np.bool_)
+
+
+def drawn(mean: Any, u: Any) -> Any:
+    """Actions: draws of N(mean, SCALE²), truncated to (-1, 1), by the inverse of the distribution function.
+
+    Args:
+        mean: the mean actions (n, 3) before the truncation, in [-1, 1], a tensor.
+        u: uniform random numbers (n, 3), a tensor.
+    """
+    low, high = ndtr((-1.0 - mean) / SCALE), ndtr((1.0 - mean) / SCALE)
+    return (mean + SCALE * ndtri(low + (high - low) * u)).clamp(-EDGE, EDGE)
+
+
+def log_density(mean: Any, action: Any) -> Any:
+    """The log density (n,) of `drawn` at actions (n, 3)."""
+    z = (action - mean) / SCALE
+    inside = ndtr((1.0 - mean) / SCALE) - ndtr((-1.0 - mean) / SCALE)
+    return (-0.5 * z**2 - math.log(SCALE) - LOG_SQRT_2PI - inside.log()).sum(1)
+
+
+class Target:
+    """A network with noise, as `ibdata.evaluate` and `ibdata.importance` take it."""
+
+    needs = Needs(history=HISTORY, step_draws=3)
+
+    def __init__(self, file: Path | str) -> None:
+        self.network = Network(file=str(file))
+
+    @property
+    def sha256(self) -> str:
+        """That of the file."""
+        return str(self.network.sha256)
+
+    def mean(self, history: Float32s) -> Any:
+        """The network's actions (n, 3) for observations (n, HISTORY, 6)."""
+        return torch.from_numpy(self.network.decide(at_start(history, self.network.needs)).action)
+
+    def decide(self, observed: Observed) -> Decision:
+        """The distribution of the actions."""
+        return Decision(TruncatedNormal(self.mean(observed.observations)), observed.memory)
+
+
+def write_checkpoints(wanted: list[Checkpoint], rows: Rows, folder: Path) -> None:
+    """Train an algorithm as `studies/baselines` does, up to the last of some checkpoints, and write these."""
+    by_steps = {each.training_steps: each for each in wanted}
+
+    def keep(step: int, learned: Any) -> None:
+        if one := by_steps.get(step):
+            path = one.file(folder)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            said = f"{one.algorithm} on {one.set}, seed {SEED}, {step} of {STEPS} steps"
+            ibdata.save_network(path, learned, history=HISTORY, provenance=said)
+
+    train(wanted[0].algorithm, rows, SEED, max(by_steps), keep)
 
 
 def by_importance(start: ibdata.Dataset, target: Target) -> Importance:

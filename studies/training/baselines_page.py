@@ -1,4 +1,4 @@
-"""The tables of docs/baselines.md."""
+"""The tables and the picture of docs/baselines.md."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
+import ibdata
 from ibdata.dataset.reference_returns import scale
 from ibdata.evaluation.baselines import BEHAVIOUR, SETTINGS, Baseline
 from ibdata.numerics.confidence import estimate
 from measuring.documents import DOCS, table, write_measured
-from training import literature
+from training.selection import rank_correlation
 
 REFERENCES = {"random": "`random`", "zero": "no change at any step"}
 REFERENCES |= {"optimized": "`optimized`", "expert": "`expert`"}
@@ -23,6 +25,9 @@ LABELS = {BEHAVIOUR: "behaviour", **{name: name.upper() for name in FOUR + TWO}}
 LABELS |= {"cql-50": "CQL of weight 50", MODEL: MODEL}
 Key = tuple[str, str]  # a set and an algorithm
 Floats = npt.NDArray[np.float64]
+BOTH = {"td3+bc": "TD3+BC", "cql": "CQL", "bcq": "BCQ", "bear": "BEAR"}
+FEWEST = 5  # sets for a rank correlation
+PICTURE = DOCS / "figures" / "baselines.png"
 
 
 def grouped(lines: Sequence[Baseline]) -> dict[Key, list[Baseline]]:
@@ -107,6 +112,38 @@ def worst_error(lines: Iterable[Baseline]) -> str:
     return f"{max((line.standard_error or 0.0 for line in lines), default=0.0) / 100:.2f}"
 
 
+def shown(value: float) -> str:
+    """A return in hundreds."""
+    return f"{value / 100:.1f}".replace("-", "−")
+
+
+def comparison() -> str:
+    """A Markdown table of the algorithms that the literature has, too, and of CQL-50 beside CQL."""
+    found = ibdata.baselines(published=True)
+    own = ibdata.baselines()
+    fixed = own[own["algorithm"] == "cql-50"].set_index("set")["p10"]
+    rows = []
+    for name, label in BOTH.items():
+        each = found[found["algorithm"] == name].set_index("set")
+        rows.append(_compared(label, each["p10"], each["published_p10"]))
+        if name == "cql":
+            rows.append(_compared("CQL of weight 50", fixed, each["published_p10"]))
+    head = ["algorithm", "sets", "rank correlation", "median distance"]
+    return table([*head, "lowest", "highest"], rows)
+
+
+def _compared(label: str, own: pd.Series, published: pd.Series) -> list[Any]:
+    """A row of the table, of the sets that both have."""
+    both = pd.DataFrame({"own": own, "published": published}).dropna()
+    differences = both["own"] - both["published"]
+    rank = "–"
+    if len(both) >= FEWEST:
+        found = rank_correlation(both["published"].to_numpy(), both["own"].to_numpy())
+        rank = f"{found:.2f}".replace("-", "−")
+    values = (differences.abs().median(), differences.min(), differences.max())
+    return [label, len(both), rank, *(shown(x) for x in values)]
+
+
 def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
     """All that the page says of results."""
     wanted = [run for run in plan if run.algorithm != BEHAVIOUR]
@@ -132,7 +169,7 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
         algorithms(lines),
         "### Compared with the literature",
         "10th percentiles: differences are ours − published, and ranks those of the sets.",
-        literature.comparison(),
+        comparison(),
     ]
     return "\n\n".join(parts)
 
@@ -140,3 +177,38 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
 def write_page(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
     """Write the tables."""
     write_measured(DOCS / "baselines.md", f"\n{block(lines, plan)}\n")
+
+
+def draw(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
+    """Draw the mean return of each seed in a panel per set, against the behaviour's and the expert's."""
+    import matplotlib.pyplot as plt
+
+    found, names = grouped(lines), [name for name in LABELS if name != BEHAVIOUR]
+    sets = list(dict.fromkeys(run.set for run in plan))
+    starts = [[s for s in sets if s.startswith(f"siemens-offline/{kind}")] for kind in ("bad", "med", "opt")]
+    starts += [[s for s in sets if s.startswith(("siemens-offline/glob", "neorl"))]]
+    starts += [[s for s in sets if s.startswith("d4rl")]]
+    figure, axes = plt.subplots(5, 5, figsize=(10, 10.5), sharex=True, sharey="row", layout="constrained")
+    for line, row in zip(axes, starts, strict=True):
+        for axis, name in zip(line, [*row, *[None] * (5 - len(row))], strict=True):
+            if name is None:
+                axis.set_visible(False)
+                continue
+            axis.axhline(references()["expert"] / 100, color="0.6", linestyle=":", label="expert")
+            for each in found.get((name, BEHAVIOUR), []):
+                axis.axhline((each.mean_return or np.nan) / 100, color="#bc4b51", label="behaviour")
+            for i, algorithm in enumerate(names):
+                values = [
+                    x.mean_return for x in found.get((name, algorithm), []) if x.mean_return is not None
+                ]
+                axis.plot([i] * len(values), np.divide(values, 100), "o", color="#2a6f97", markersize=4)
+            axis.set(title=name.replace("siemens-offline/", ""), xlim=(-0.6, len(names) - 0.4))
+            axis.set_xticks(range(len(names)), [LABELS[x] for x in names], rotation=90, fontsize=7)
+            axis.tick_params(labelbottom=True)
+            axis.title.set_fontsize(9)
+    handles = axes[0, 0].get_lines()[:2]  # beside the panels, where they hide no result
+    figure.legend(handles=handles, loc="outside upper right", ncols=2, fontsize=8)
+    done = sum(line.algorithm != BEHAVIOUR for line in lines)
+    figure.suptitle(f"{done} of {sum(run.algorithm != BEHAVIOUR for run in plan)} runs", fontsize=9)
+    figure.supylabel("mean return / 100 of each seed")
+    figure.savefig(PICTURE, dpi=110)

@@ -1,7 +1,7 @@
 """Policy search through an ensemble of learned models, with a penalty for leaving the behaviour.
 
 The models predict the changes of fatigue and consumption from the last ten observations and the setpoint,
-velocity, gain and shift to which the action leads, as in scripts/world-models. A policy is then improved by
+velocity, gain and shift to which the action leads, as in studies/world-models. A policy is then improved by
 the gradient of what it gets in 30 imagined steps, which begin in observations of the dataset: the discounted
 rewards of the model that promises least, less the mean squared distance of the action from that of a policy
 learned by behavioural cloning. This is a simple form of LION (Swazinna et al., 2022), of one fixed weight.

@@ -1,4 +1,4 @@
-"""The matrix of tests/same_bits. Each row is a child process with its own settings."""
+"""The matrix: each row is a child process with its own settings."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from helpers import ROOT
-from helpers.python import PACKAGE
+from helpers import PACKAGE, ROOT
 
 CHILD = ROOT / "tests" / "same_bits" / "child.py"
 # Prefixes of environment variables that settings use; a row has only those that it sets itself.

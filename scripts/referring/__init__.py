@@ -1,1 +1,0 @@
-"""The parts of docs/ that follow from the sources: options, columns, errors, the Python API."""

@@ -1,0 +1,1 @@
+"""Modules that several studies share: trainings, estimators, and the pages that hold their results."""
