@@ -106,7 +106,7 @@ class Job:
     def missing(self, shards: Sequence[Shard]) -> list[Shard]:
         """The shards of which the part has no receipt, or whose files are not as their receipts say."""
         root = self.part.folder
-        receipts = [read_receipt(root, shard) for shard in shards]
+        receipts = (read_receipt(root, shard) for shard in shards)
         whole = {written.shard for written in receipts if written is not None and is_whole(root, written)}
         return [shard for shard in shards if shard not in whole]
 

@@ -21,8 +21,6 @@ from ibdata.system.files import part_of
 from ibdata.system.part import Part, refusals, resolved
 from ibdata.writing.edited import EDITABLE, is_users
 
-REPLACE = "--overwrite to replace it"
-
 
 class TakenError(UsageError):
     """The place is not empty, and the options do not say what is to become of its contents."""
@@ -132,8 +130,8 @@ class Found(NamedTuple):
     begun: Begun = Begun.NOTHING
     why: str = ""  # what the dataset or folder is, and what can be done
     damage: str | None = None  # of the dataset
-    keeps: str | None = None  # from being replaced: somebody's file, or a mode
-    other_code: str | None = None  # in which the dataset's code differs from what is here
+    in_the_way: str | None = None  # of replacing it: somebody's file, or the mode of a folder
+    other_code: str = ""  # the files in which the dataset's code differs from what is here
     run: str | None = None  # how the run that was begun differs
 
 
@@ -149,8 +147,8 @@ def decide(found: Found, mode: Mode) -> Action:
     if at is At.FOREIGN:
         raise UsageError(f"{name}: {found.why}")
     if mode is Mode.OVERWRITE:
-        if found.keeps:
-            raise UsageError(found.keeps)
+        if found.in_the_way:
+            raise UsageError(found.in_the_way)
     elif at is At.OTHER:
         raise TakenError(f"{name}: {found.why}")
     elif at is At.SAME:
@@ -183,33 +181,32 @@ def look(target: Target, spec: DatasetSpec, part: Part | None = None, record: Re
     Raises UsageError if no dataset can appear at the target.
     """
     target.refuse()
-    [experiment] = spec.experiments
-    found = Found(target.name, At.FREE)
-    if not target.is_free:
-        try:
-            found = _look_at_dataset(target, manifest.read(target.path), spec)
-        except DatasetError as error:
-            why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
-            why = f"not a dataset of ibdata, left as it is{why}; move it away, or choose another --out"
-            return Found(target.name, At.FOREIGN, why=why)
-    if part is not None and part.receipts:
-        run = difference(part.folder, experiment, record)
-        found = found._replace(begun=Begun.SAME if run is None else Begun.OTHER, run=run)
+    with refusals(target.name):
+        found = Found(target.name, At.FREE) if target.is_free else _found_at(target, spec)
+        if part is not None and part.receipts:
+            run = difference(part.folder, spec.experiments[0], record)
+            found = found._replace(begun=Begun.SAME if run is None else Begun.OTHER, run=run)
     return found
 
 
-def _look_at_dataset(target: Target, listed: Manifest, spec: DatasetSpec) -> Found:
-    [experiment] = spec.experiments
-    keeps = _keeps(target.path, listed)
+def _found_at(target: Target, spec: DatasetSpec) -> Found:
+    """What is at a target that is not free."""
+    name, [experiment] = target.name, spec.experiments
+    try:
+        listed = manifest.read(target.path)
+    except DatasetError as error:
+        why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
+        why = f"not a dataset of ibdata, left as it is{why}; move it away, or choose another --out"
+        return Found(name, At.FOREIGN, why=why)
+    in_the_way = _in_the_way(target.path, listed)
     if not is_of(listed, experiment):
-        return Found(target.name, At.OTHER, why=_other(listed, experiment), keeps=keeps)
-    names = changed_here(spec, listed.code)
+        return Found(name, At.OTHER, why=_other(listed, experiment), in_the_way=in_the_way)
     return Found(
-        target.name,
+        name,
         At.SAME,
-        damage=damage(listed, target.size, target.name),
-        keeps=keeps,
-        other_code=names_of(names) if names else None,
+        damage=damage(listed, target.size, name),
+        in_the_way=in_the_way,
+        other_code=names_of(changed_here(spec, listed.code)),
     )
 
 
@@ -226,7 +223,7 @@ def _other(listed: Manifest, experiment: Experiment) -> str:
             "holds the dataset of another object of this Python session, or of the same before it changed; "
             "--overwrite to make it with this one, or choose another --out"
         )
-    return f"holds the dataset of another experiment; {REPLACE}"
+    return "holds the dataset of another experiment; --overwrite to replace it"
 
 
 def damage(listed: Manifest, size_of: Callable[[str], int | None], name: Path | str) -> str | None:
@@ -240,8 +237,8 @@ def damage(listed: Manifest, size_of: Callable[[str], int | None], name: Path | 
     return None
 
 
-def _keeps(folder: Path, listed: Manifest) -> str | None:
-    """What keeps a dataset from being replaced: more than a dataset is in its folder, or a folder's mode."""
+def _in_the_way(folder: Path, listed: Manifest) -> str | None:
+    """The problem of replacing a dataset: more than it is in its folder, or the mode of a folder."""
     for path in foreign_files(folder, listed):
         what = "folder" if path.is_dir() else "file"
         return f"{path}: found a {what} that is not the dataset's; move it away"

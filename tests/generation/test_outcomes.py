@@ -203,10 +203,10 @@ DECISIONS = {  # what is at the target, what was begun; without options, with --
 REASONS = {  # of the dataset at the target, and what they change
     (At.SAME, "damage"): (BROKEN, BROKEN, BEGIN),
     (At.SAME, "other_code"): (CHANGED, OPEN, BEGIN),
-    (At.SAME, "keeps"): (OPEN, OPEN, FIRM),
-    (At.OTHER, "keeps"): (TAKEN, TAKEN, FIRM),
+    (At.SAME, "in_the_way"): (OPEN, OPEN, FIRM),
+    (At.OTHER, "in_the_way"): (TAKEN, TAKEN, FIRM),
 }
-TEXTS = {"damage": "broken", "other_code": "mine.py", "keeps": "firm"}
+TEXTS = {"damage": "broken", "other_code": "mine.py", "in_the_way": "firm"}
 ROWS = [
     *(
         (Found("x", at, begun, why="taken" if at is At.OTHER else "firm", run="of another kind"), answers)
