@@ -17,7 +17,7 @@ from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
 from ibdata.errors import DatasetError, UsageError, say
-from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load, load_all
+from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -25,7 +25,7 @@ from ibdata.experiment.shipped import is_suite, shipped_name
 from ibdata.generation import upload
 from ibdata.generation.job import Job, recover, remove_published
 from ibdata.generation.process import process_for
-from ibdata.generation.record import EXPERIMENT, Record, observe
+from ibdata.generation.record import Record, observe
 from ibdata.generation.target import Action, Mode, Target, damage, decide, refuse_name
 from ibdata.generation.workers import Engine, select_engine
 from ibdata.system.part import Part, locked_part
@@ -228,8 +228,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """
     refuse_url(folder)
     place, target = Path(folder), Target(folder)
-    part = Part(target.path)
-    if Record.read(part.folder) is None:
+    if Record.read(Part(target.path).folder) is None:
         if target.is_free:
             raise UsageError(
                 f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
@@ -239,10 +238,8 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
         return Dataset(place)
     with locked_part(target.path, place) as part:
         recover(part)
-        record = Record.read(part.folder)
-        if record is not None:
+        job = Job.begun_in(part, target)
+        if job is not None:
             target.refuse_taken()
-            job = Job(target, DatasetSpec.of(load(part.folder / EXPERIMENT)))
-            job.part, job.record = part, record
             job.finish(is_whole)
     return Dataset(place)

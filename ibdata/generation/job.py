@@ -12,11 +12,12 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, say
+from ibdata.experiment import load
 from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.process import Process, process_for
-from ibdata.generation.record import Record, difference, observe
+from ibdata.generation.record import EXPERIMENT, Record, difference, observe
 from ibdata.generation.target import Action, At, Begun, Found, Mode, Target, decide, look
 from ibdata.generation.workers import Engine
 from ibdata.system.files import keep_access, sync_folder
@@ -43,6 +44,16 @@ class Job:
         self.progress = progress or Progress()
         self.part = Part(target.path)
         self.record: Record
+
+    @classmethod
+    def begun_in(cls, part: Part, target: Target) -> Job | None:
+        """The job that was begun in a part, which this process holds; None if there is none."""
+        record = Record.read(part.folder)
+        if record is None:
+            return None
+        job = cls(target, DatasetSpec.of(load(part.folder / EXPERIMENT)))
+        job.part, job.record = part, record
+        return job
 
     def is_there(self) -> bool:
         """Whether the dataset is finished at its target. Raises what `decide` raises for another one."""

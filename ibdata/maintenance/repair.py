@@ -25,10 +25,9 @@ from ibdata.system.storage import existing, local, storage
 from ibdata.validation.checks import check_shard, splits_problems
 from ibdata.validation.validate import unlisted_files, validate
 from ibdata.writing import metadata
-from ibdata.writing.finish import metadata_files, refuse_other_plan, rewritten_manifest
+from ibdata.writing.finish import NEED_CONTENT, metadata_files, refuse_other_plan, rewritten_manifest
 from ibdata.writing.shard import DATASET, UNREAD, WrittenShard, all_written, content_of
 
-NEED_CONTENT = {"meta/episodes.parquet", "meta/statistics.json"}
 REPAIR = "repair"  # the folder of a part in which shards are made again
 
 
@@ -128,7 +127,7 @@ def _repaired(
     wrong: list[Shard] = []
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         content = UNREAD
-        if one.path in broken or NEED_CONTENT & set(broken):
+        if one.path in broken or not set(broken).isdisjoint(NEED_CONTENT):
             found, _ = check_shard(spec, shard, folder, one.path)
             if found is None or content_of(found.digests) != one.content:
                 wrong.append(shard)
@@ -142,11 +141,8 @@ def _repaired(
         _move(part.folder / REPAIR / DATASET / made.entry.path, folder / path)
         entries[path] = made.entry._replace(path=path)
         written[made.shard.number] = made._replace(entry=entries[path])
-    complete = all(w.content is not UNREAD for w in written)
-    episodes = metadata.episodes_table(spec, written) if complete else None
-    for path, make in metadata_files(spec, written, episodes).items():
-        if path in broken:
-            entries[path] = write(folder, path, make())
+    for path, data in metadata_files(broken, spec, written):
+        entries[path] = write(folder, path, data)
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         print(f"ibdata: {folder}: splits that were made later are lost; make them again", file=sys.stderr)

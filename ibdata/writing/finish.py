@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import pyarrow as pa
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.models import Code, File, Manifest, ShardEntry
+from ibdata.dataset.stored import EPISODES, INFO, STATISTICS
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.code import user_objects
@@ -31,6 +31,7 @@ from ibdata.writing import metadata
 from ibdata.writing.card import card
 from ibdata.writing.shard import WrittenShard, content_of
 
+NEED_CONTENT = (EPISODES, STATISTICS)
 UNSEALED = "0" * 64  # stands for the checksum until all else is known
 
 
@@ -55,8 +56,8 @@ def finish(
     root = root_of(spec, ((w.shard, w.content.digests) for w in written))
     episodes = metadata.episodes_table(spec, written)
     entries = [w.entry for w in written]
-    for path, make in metadata_files(spec, written, episodes).items():
-        entries.append(write_new(folder, path, make()))
+    for path, data in metadata_files(metadata_paths(spec), spec, written, episodes):
+        entries.append(write_new(folder, path, data))
     write_new(folder, manifest.SPLITS, metadata.splits_file(spec))
     write_new(folder, manifest.CARD, card(spec, written, root, episodes))
     listed = manifest.sealed(
@@ -97,20 +98,32 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
     }
 
 
-def metadata_files(
-    spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
-) -> dict[str, Callable[[], bytes]]:
-    """Functions that make the files in `meta` that the manifest lists, by path.
+def metadata_paths(spec: DatasetSpec) -> list[str]:
+    """The paths of the files in `meta` that the manifest lists."""
+    weights = (f"meta/{name}" for name in spec.weights)
+    return [*NEED_CONTENT, INFO, *experiment_files(spec), *weights]
 
-    That for statistics.json needs the content of the shards, that for episodes.parquet the table `episodes`.
+
+def metadata_files(
+    paths: Container[str], spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
+) -> Iterator[tuple[str, bytes]]:
+    """The bytes of those files in `meta` that have these paths.
+
+    Those of NEED_CONTENT need the content of the shards; the table `episodes` is made of it by default.
     """
-    return {
-        "meta/dataset.json": lambda: metadata.as_json(metadata.info(spec)),
-        "meta/episodes.parquet": lambda: metadata.episodes_parquet(episodes),
-        "meta/statistics.json": lambda: metadata.as_json(metadata.statistics(spec, written)),
-        **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
-        **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
-    }
+    if INFO in paths:
+        yield INFO, metadata.as_json(metadata.info(spec))
+    if EPISODES in paths:
+        table = metadata.episodes_table(spec, written) if episodes is None else episodes
+        yield EPISODES, metadata.episodes_parquet(table)
+    if STATISTICS in paths:
+        yield STATISTICS, metadata.as_json(metadata.statistics(spec, written))
+    for path, experiment in experiment_files(spec).items():
+        if path in paths:
+            yield path, as_yaml(experiment)
+    for name, data in spec.weights.items():
+        if f"meta/{name}" in paths:
+            yield f"meta/{name}", data
 
 
 def experiment_files(spec: DatasetSpec) -> dict[str, Experiment]:
@@ -170,7 +183,7 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
     for rule, found, expected in (
         ("experiments", {"shards": shards}, {"shards": [planned_entry(spec, each) for each in spec.shards]}),
         ("rows", listed.rows, spec.rows),
-        ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_files(spec, [])})),
+        ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_paths(spec)})),
         ("code", targets, list(dict.fromkeys(policy.code_target for policy in user_objects(spec)))),
     ):
         if message := first_difference(found, expected):
