@@ -6,15 +6,10 @@ import click
 from ibdata.cli._options import LOCAL, YAML, folder_argument, progress_option, reward_option, split_option
 from ibdata.cli._printing import Printed, pairs, prints_result, within
 from ibdata.cli._suggesting import Listing, summaries
-from ibdata.exporters import FORMATS, added_formats
+from ibdata.exporters import FORMATS
 from ibdata.numerics.naming import counted
 
 VIEW = ("observe", "actions", "reward", "reward_scale", "imperfections")
-
-
-def _formats() -> list[tuple[str, str]]:
-    added = [(each.name, f"Added by {each.module}.") for each in added_formats()]
-    return summaries("ibdata.exporters", FORMATS) + added
 
 
 def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | list[str]:
@@ -22,12 +17,12 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
     return names if len(names) > 1 or text.startswith(("obs_", "latent_")) else text
 
 
-@click.command("export", cls=Listing, title="Formats", listed=_formats)
+@click.command("export", cls=Listing, title="Formats", listed=lambda: summaries("ibdata.exporters", FORMATS))
 @folder_argument
 @click.option(
     "--to",
     required=True,
-    type=click.Choice([*FORMATS, *sorted(added_formats().names)]),
+    type=click.Choice(FORMATS),
     help="The format; see below.",
 )
 @click.option("--out", required=True, type=LOCAL, metavar="PATH", help="The file or folder to write.")
