@@ -2,7 +2,6 @@ from pathlib import Path
 
 import click
 
-from ibdata.cli._options import columns as column_names
 from ibdata.cli._options import place_argument, split_option
 from ibdata.cli._printing import Printed, lines, prints_result
 from ibdata.dataset.tabular import column_texts
@@ -15,7 +14,7 @@ MAX_ROWS = 1_000_000
 @click.option(
     "--rows", "-n", type=click.IntRange(1, MAX_ROWS), default=5, show_default=True, help="Number of rows."
 )
-@click.option("--columns", metavar="A,B,…", shell_complete=column_names, help="Print only these columns.")
+@click.option("--columns", metavar="A,B,…", help="Print only these columns.")
 @split_option
 @click.option(
     "--at", nargs=2, type=int, metavar="EPISODE STEP", help="Begin at this row; by default at the first."

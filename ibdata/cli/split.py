@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ibdata.cli._options import LOCAL, folder_argument, splits
+from ibdata.cli._options import LOCAL, folder_argument
 from ibdata.cli._printing import Printed, prints_result, within
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
 
@@ -36,7 +36,7 @@ def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) 
 @click.option(
     "--by",
     type=click.Choice(list(OPTIONS)),
-    help="The property that decides the split of an episode; default: the one that the other options imply.",
+    help="The property that decides the split of an episode.",
 )
 @click.option(
     "--scheme",
@@ -68,13 +68,7 @@ def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) 
     metavar="SPLIT=NAME",
     help="Name one of the new splits, e.g. --name source=at-50; may be repeated.",
 )
-@click.option(
-    "--remove",
-    multiple=True,
-    metavar="NAME",
-    shell_complete=splits,
-    help="Remove this split; may be repeated.",
-)
+@click.option("--remove", multiple=True, metavar="NAME", help="Remove this split; may be repeated.")
 @click.option("--list", "as_list", is_flag=True, help="Print the splits, and change nothing.")
 @click.option(
     "--materialize",
@@ -88,7 +82,7 @@ def command(folder: Path, as_list: bool, **options: Any) -> Printed:
 
     \b
     ibdata split data/random --by setpoint --source 50 --target 70
-    ibdata split data/random --scheme leave-one-out --prefix fold
+    ibdata split data/random --by setpoint --scheme leave-one-out --prefix fold
     ibdata split data/many --by episode --fractions 0.7,0.3
     ibdata split data/many --list
     ibdata split data/many --remove test
