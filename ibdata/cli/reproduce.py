@@ -9,12 +9,10 @@ from ibdata.numerics.naming import counted
 
 @click.command("reproduce")
 @folder_argument
-@click.option(
-    "--episodes", metavar="N|A-B", help="Compare N evenly spread episodes, or episodes A to B; default: all."
-)
+@click.option("--episodes", type=int, metavar="N", help="Compare N evenly spread episodes; default: all.")
 @allow_code_option
 @prints_result
-def command(folder: Path, episodes: str | None, allow_code: bool) -> Printed:
+def command(folder: Path, episodes: int | None, allow_code: bool) -> Printed:
     """Generate a dataset again in memory and compare it with the stored one.
 
     Prints the episodes that differ; the exit code is 3 if there are any. Nothing is written.

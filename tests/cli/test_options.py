@@ -97,9 +97,9 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
         {"folder": DATA, **PREVIEWED},
     ),
     (
-        "reproduce $D --episodes 2-3 --allow-code",
+        "reproduce $D --episodes 3 --allow-code",
         "ibdata.maintenance.reproduce.reproduce",
-        {"folder": DATA, "episodes": "2-3", "allow_code": True},
+        {"folder": DATA, "episodes": 3, "allow_code": True},
     ),
     (
         "split $D --by setpoint --scheme distance --source 1 --source 2 --target 3 --shots 4 --transitions 5"
