@@ -154,8 +154,6 @@ def _dry_run(config: str, out: Path | str | None, shards: str | None, settings: 
         lines.append(
             f"{run['out']}: {counted(run['rows'], 'row')}, {size(run['bytes'])}, {run['seconds']:.1f} s"
         )
-        if run["folder"]:
-            lines.append(f"    {run['folder']}")
     if lines:
         lines.append("")
     workers = counted(found["workers"], "worker")
@@ -165,6 +163,4 @@ def _dry_run(config: str, out: Path | str | None, shards: str | None, settings: 
         ("bytes", f"{found['bytes']:,} ({size(found['bytes'])}, estimated from a sample)"),
         ("seconds", f"{found['seconds']:,.1f} with {workers} (estimated from a sample)"),
     ]
-    if found.get("folder"):
-        total.append(("folder", found["folder"]))
     return Printed(found, "\n".join([*lines, pairs(total)]))
