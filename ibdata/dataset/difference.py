@@ -58,8 +58,8 @@ def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
     """Lines about the episodes that only one has, and about the first episode that differs."""
     ours, theirs = _by_address(a), _by_address(b)
     lines: list[str] = []
-    for own, other, which in ((ours, theirs, "first"), (theirs, ours, "second")):
-        only = sum(len(own[address]) for address in own.keys() - other.keys())
+    for addresses, other, which in ((ours, theirs, "first"), (theirs, ours, "second")):
+        only = sum(len(addresses[address]) for address in addresses.keys() - other.keys())
         if only:
             lines.append(f"episodes with a cell and index that only the {which} has: {only}")
     differing: list[tuple[int, int]] = []
@@ -70,18 +70,18 @@ def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
         differing += zip(only_ours, only_theirs, strict=False)
     if differing:
         mine, other_one = min(differing)
-        found = _first_difference(_rows(a, mine, names), _rows(b, other_one, names))
-        lines.append(f"episode {mine} and {other_one}: {found}")
+        difference = _first_difference(_rows(a, mine, names), _rows(b, other_one, names))
+        lines.append(f"episode {mine} and {other_one}: {difference}")
     return lines
 
 
 def _by_address(dataset: Dataset) -> dict[tuple[str, int], dict[bytes, int]]:
     """Map each cell and index to its episodes by digest. A merged dataset may have one for each seed."""
     columns = (dataset.stored.episodes[name].to_pylist() for name in ("cell", "index", "digest", "episode"))
-    found: dict[tuple[str, int], dict[bytes, int]] = {}
+    episodes: dict[tuple[str, int], dict[bytes, int]] = {}
     for cell, index, digest, episode in zip(*columns, strict=True):
-        found.setdefault((cell, index), {})[digest] = episode
-    return found
+        episodes.setdefault((cell, index), {})[digest] = episode
+    return episodes
 
 
 def _rows(dataset: Dataset, episode: int, names: list[str]) -> pa.Table:
@@ -92,13 +92,13 @@ def _rows(dataset: Dataset, episode: int, names: list[str]) -> pa.Table:
 
 def _first_difference(a: pa.Table, b: pa.Table) -> str | None:
     """Describe the first step at which a column differs; None if there is none."""
-    found: list[tuple[int, str, Any, Any]] = []
+    differences: list[tuple[int, str, Any, Any]] = []
     for name in a.column_names:
         for step, (x, y) in enumerate(zip(a[name].to_pylist(), b[name].to_pylist(), strict=False)):
             if name != "episode" and x != y and not (x != x and y != y):  # two NaN are equal
-                found.append((step, name, x, y))
+                differences.append((step, name, x, y))
                 break
-    if not found:
+    if not differences:
         return None
-    step, name, x, y = min(found, key=itemgetter(0))
+    step, name, x, y = min(differences, key=itemgetter(0))
     return f"step {step}: {name}: {x} and {y}"

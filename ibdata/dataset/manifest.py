@@ -69,30 +69,30 @@ def _remedy(files: Storage) -> str:
         return f"; ibdata generate {name} makes data/{name}"
     if any(folder.glob(f"*/{PATH}")):
         return f"; ibdata ls {folder} lists the datasets in it"
-    if any(each.startswith(f"{name}/") for each in shipped()):
+    if any(config.startswith(f"{name}/") for config in shipped()):
         return f"; ibdata generate {name} makes the datasets of data/{name}"
-    found: dict[str, Path] = {}
+    folders: dict[str, Path] = {}
     with suppress(OSError, ValueError):
         for base in (folder.parent, folder.parent / "data", Path("data")):
-            found |= {path.parents[1].name: path.parents[1] for path in base.glob(f"*/{PATH}")}
-    near = nearest(folder.name, found)
-    return "" if near is None else f"; did you mean {str(found[near])!r}?"
+            folders |= {path.parents[1].name: path.parents[1] for path in base.glob(f"*/{PATH}")}
+    near = nearest(folder.name, folders)
+    return "" if near is None else f"; did you mean {str(folders[near])!r}?"
 
 
 def _parsed(data: bytes) -> Manifest:
-    found = loads(data)
-    if not isinstance(found, dict) or found.get("format") != FORMAT:
+    entries = loads(data)
+    if not isinstance(entries, dict) or entries.get("format") != FORMAT:
         raise ValueError(f"found another format, expected {FORMAT}")
     for key, expected in (("version", VERSION), ("data_version", DATA_VERSION)):
-        if found.get(key) != expected:
-            shown = printable(repr(found.get(key)))[:60]
+        if entries.get(key) != expected:
+            shown = printable(repr(entries.get(key)))[:60]
             name = key.replace("_", " ")
-            newer = isinstance(found.get(key), int) and found[key] > expected
+            newer = isinstance(entries.get(key), int) and entries[key] > expected
             todo = "update ibdata" if newer else "make the dataset again with this ibdata"
             raise ValueError(f"found {name} {shown}, expected {expected}; {todo}")
-    if found.get("checksum") != checksum(found):
+    if entries.get("checksum") != checksum(entries):
         raise ValueError("found content that does not fit its checksum; the file has been changed")
-    return parse(Manifest, found)
+    return parse(Manifest, entries)
 
 
 def loads(data: bytes) -> Any:
@@ -111,8 +111,8 @@ def refuse_inside(out: Path) -> None:
     """
     if "\0" in str(out):
         raise UsageError(f"--out: found {str(out)!r}, expected a path without NUL")
-    given, place = local(out), Path(os.path.realpath(local(out)))
-    refuse_partition([*given.absolute().parts, *place.parts], out)
+    path, place = local(out), Path(os.path.realpath(local(out)))
+    refuse_partition([*path.absolute().parts, *place.parts], out)
     for folder in place.parents:
         if os.path.isfile(folder / PATH):
             raise UsageError(f"{out}: lies within the dataset {folder}; choose a place outside of it")
@@ -127,9 +127,9 @@ def refuse_partition(parts: Iterable[str], out: str | os.PathLike[str]) -> None:
         )
 
 
-def sealed(listed: Manifest) -> Manifest:
+def sealed(manifest: Manifest) -> Manifest:
     """The manifest with its checksum."""
-    return listed.model_copy(update={"checksum": checksum(listed.plain())})
+    return manifest.model_copy(update={"checksum": checksum(manifest.plain())})
 
 
 def checksum(data: Mapping[str, Any]) -> str:

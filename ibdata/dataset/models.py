@@ -181,6 +181,6 @@ def parse(form: type[Parsed], data: Any) -> Parsed:
         raise ValueError(f"{where}: missing, expected a value")
     if first["type"] == "value_error":  # of a validator of ibdata, which says it all
         raise ValueError(f"{where}: {first['ctx']['error']}")
-    found = printable(repr(first["input"]))[:60]
+    value = printable(repr(first["input"]))[:60]
     expected = MEANT.get(first.get("ctx", {}).get("pattern", ""), first["msg"])
-    raise ValueError(f"{where}: found {found}, expected {expected}")
+    raise ValueError(f"{where}: found {value}, expected {expected}")

@@ -90,9 +90,9 @@ def opened(
                 pre_buffer=files.url is not None,
             ) as file,
         ):
-            found = file.metadata.num_rows
-            if rows is not None and found != rows:
-                raise damaged(files, path, f"found {found} rows, expected {rows}; see ibdata validate")
+            count = file.metadata.num_rows
+            if rows is not None and count != rows:
+                raise damaged(files, path, f"found {count} rows, expected {rows}; see ibdata validate")
             if problem := _other_columns(file.schema_arrow, names or ()):
                 raise damaged(files, path, f"{problem}; see ibdata validate")
             yield file
@@ -107,9 +107,9 @@ def _other_columns(schema: pa.Schema, names: Names) -> str | None:
     for name in names:
         if name not in schema.names:
             return f"{name}: missing, expected a column"
-        found = plain_type(schema.field(name).type)
-        if isinstance(names, Mapping) and found != names[name]:
-            return f"{name}: found a column of {found}, expected {names[name]}"
+        dtype = plain_type(schema.field(name).type)
+        if isinstance(names, Mapping) and dtype != names[name]:
+            return f"{name}: found a column of {dtype}, expected {names[name]}"
     return None
 
 

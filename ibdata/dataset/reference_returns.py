@@ -96,6 +96,6 @@ def reference() -> Reference:
 
 def scale(dynamics: Any, start: Any, steps: int, discount: float) -> Scale | None:
     """The scale for exactly these dynamics, start, steps and discount; None if there is none."""
-    wanted = (dynamics, start, steps, discount)
-    found = (s for s in reference().scales if (s.dynamics, s.start, s.steps, s.discount) == wanted)
-    return next(found, None)
+    key = (dynamics, start, steps, discount)
+    scales = (s for s in reference().scales if (s.dynamics, s.start, s.steps, s.discount) == key)
+    return next(scales, None)

@@ -72,7 +72,7 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
     scales = {steps: _scale(info, steps) for steps in np.unique(lengths).tolist()}
     results: list[Result] = []
     for places in _of_equal(cells, lengths):
-        found, first = estimate([returns[places]]), places[0]
+        estimated, first = estimate([returns[places]]), places[0]
         setpoint, steps = float(setpoints[first]), int(lengths[first])
         scale = scales[steps]
         results.append(
@@ -81,11 +81,11 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
                 "setpoint": setpoint,
                 "episodes": len(places),
                 "steps": steps,
-                "mean_return": found.mean,
-                "standard_error": found.standard_error,
-                "interval": found.interval,
-                "mean_reward": found.mean / steps,
-                "reference_score": scale.score(setpoint, found.mean) if scale else None,
+                "mean_return": estimated.mean,
+                "standard_error": estimated.standard_error,
+                "interval": estimated.interval,
+                "mean_reward": estimated.mean / steps,
+                "reference_score": scale.score(setpoint, estimated.mean) if scale else None,
             }
         )
     return {"results": results, "scale": "; ".join(s.text for s in scales.values() if s) or None}
@@ -112,13 +112,13 @@ def averages(results: Sequence[Result]) -> list[Average]:
     Means and scores are those of the setpoints, averaged. A standard error is None if a setpoint has none, a
     score is None if a setpoint has none.
     """
-    own: dict[tuple[str, int], list[Result]] = {}
+    by_policy: dict[tuple[str, int], list[Result]] = {}
     for result in results:
-        own.setdefault((result["policy"], result["steps"]), []).append(result)
-    made = [_average(policy, part) for (policy, _), part in own.items()]
-    if len(own) > 1 and len({steps for _, steps in own}) == 1:
-        made.append(_average(None, results))
-    return made
+        by_policy.setdefault((result["policy"], result["steps"]), []).append(result)
+    averages_by_policy = [_average(policy, part) for (policy, _), part in by_policy.items()]
+    if len(by_policy) > 1 and len({steps for _, steps in by_policy}) == 1:
+        averages_by_policy.append(_average(None, results))
+    return averages_by_policy
 
 
 def _average(policy: str | None, results: Sequence[Result]) -> Average:

@@ -71,9 +71,9 @@ def with_later(episodes: pa.Table, entries: Mapping[str, SplitEntry]) -> pa.Tabl
     owners = [np.repeat(np.arange(len(column)), np.diff(column.offsets.to_numpy()))]
     names = [column.flatten()]
     for name, runs in later.items():
-        own = numbers_in(runs)
-        owners.append(own)
-        names.append(pa.repeat(name, len(own)))
+        numbers = numbers_in(runs)
+        owners.append(numbers)
+        names.append(pa.repeat(name, len(numbers)))
     owner = np.concatenate(owners)
     order = np.argsort(owner, kind="stable")
     ends = np.cumsum(np.bincount(owner, minlength=len(column)))

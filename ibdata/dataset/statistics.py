@@ -85,11 +85,11 @@ class RowStatistics:
 
     def add(self, table: Table) -> Moments:
         """Add rows; return their moments."""
-        own = moments(np.ascontiguousarray(table))
-        self._moments = own if self._moments is None else merged(self._moments, own)
+        part = moments(np.ascontiguousarray(table))
+        self._moments = part if self._moments is None else merged(self._moments, part)
         self._samples.append(table[:, -self._seen % self._stride :: self._stride].copy())
         self._seen += table.shape[1]
-        return own
+        return part
 
     @property
     def moments(self) -> Moments:
@@ -105,10 +105,10 @@ class RowStatistics:
 
 def of_batches(batches: Iterable[Any], names: Sequence[str], rows: int) -> dict[str, Statistic]:
     """The statistics of Arrow batches, which have these columns and so many rows in all."""
-    found = RowStatistics(rows, rows)
+    statistics = RowStatistics(rows, rows)
     for batch in batches:
-        found.add(np.stack([column.to_numpy() for column in batch.columns]))
-    return described(names, found.moments, [found.sample], [rows])
+        statistics.add(np.stack([column.to_numpy() for column in batch.columns]))
+    return described(names, statistics.moments, [statistics.sample], [rows])
 
 
 def described(
@@ -139,10 +139,10 @@ def described(
 def _quantiles(sample: Table, weights: Floats | None) -> npt.NDArray[Any]:
     """The QUANTILES (quantiles, columns) of a sample, which may be sorted; each is a value of the sample."""
     if weights is not None:
-        found: npt.NDArray[Any] = np.quantile(
+        quantiles: npt.NDArray[Any] = np.quantile(
             sample.astype(np.float64), QUANTILES, axis=1, weights=weights, method="inverted_cdf"
         )
-        return found
+        return quantiles
     ranks = np.quantile(np.arange(sample.shape[1]), QUANTILES, method="inverted_cdf")
     sample.sort(axis=1)  # much faster than np.quantile
     return np.where(np.isnan(sample[:, -1]), np.nan, sample[:, ranks.astype(np.int64)].T)

@@ -65,8 +65,8 @@ class Stored:
     def read(self, path: str) -> bytes:
         """The bytes of a listed file, whose SHA-256 is that of the manifest."""
         data = self._bytes(path)
-        listed = next((file.sha256 for file in self.manifest.files if file.path == path), None)
-        if hashlib.sha256(data).hexdigest() != listed:
+        expected = next((file.sha256 for file in self.manifest.files if file.path == path), None)
+        if hashlib.sha256(data).hexdigest() != expected:
             raise self.error(path, "found other content than the manifest lists")
         return data
 

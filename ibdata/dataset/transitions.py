@@ -106,17 +106,17 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     return Transitions(frames, after, actions, rewards, *flags, index["episode"], index["step"], kept)
 
 
-def as_batch(made: Transitions, names: Sequence[str]) -> pa.RecordBatch:
+def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
     """Transitions as columns; the frames have these names."""
     columns = {
-        "episode": made.episode,
-        "step": made.step,
-        **dict(zip(names, made.frames.T, strict=True)),
-        **dict(zip(ACTIONS, made.actions.T, strict=True)),
-        "reward": made.rewards,
-        "terminated": made.terminated,
-        "truncated": made.truncated,
-        **{f"next_{name}": column for name, column in zip(names, made.next_frames.T, strict=True)},
+        "episode": block.episode,
+        "step": block.step,
+        **dict(zip(names, block.frames.T, strict=True)),
+        **dict(zip(ACTIONS, block.actions.T, strict=True)),
+        "reward": block.rewards,
+        "terminated": block.terminated,
+        "truncated": block.truncated,
+        **{f"next_{name}": column for name, column in zip(names, block.next_frames.T, strict=True)},
     }
     return pa.RecordBatch.from_pydict({name: pa.array(column) for name, column in columns.items()})
 

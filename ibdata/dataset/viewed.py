@@ -28,22 +28,22 @@ def arrays_of(
 
     `drop` leaves out the rows with fewer frames before them. The table has the columns too.
     """
-    made = transitions(table, info, options)
-    observations, after = stacked(made.frames, made.next_frames, made.step, history)
+    block = transitions(table, info, options)
+    observations, after = stacked(block.frames, block.next_frames, block.step, history)
     arrays = {
         "observations": observations,
-        "actions": made.actions,
-        "rewards": made.rewards,
+        "actions": block.actions,
+        "rewards": block.rewards,
         "next_observations": after,
-        "episode": made.episode,
-        "step": made.step,
-        "terminated": made.terminated,
-        "truncated": made.truncated,
-        **{name: table[name].to_numpy()[made.rows] for name in columns},
+        "episode": block.episode,
+        "step": block.step,
+        "terminated": block.terminated,
+        "truncated": block.truncated,
+        **{name: table[name].to_numpy()[block.rows] for name in columns},
     }
     if not drop or history == 1:
         return {name: np.require(array, requirements="W") for name, array in arrays.items()}
-    whole = made.step >= history - 1
+    whole = block.step >= history - 1
     return {name: array[whole] for name, array in arrays.items()}
 
 
@@ -86,5 +86,7 @@ def windows_of(
 
 def identity(episodes: pa.Table) -> str:
     """A hash of the contents and the numbers of episodes, whose order a content root does not tell."""
-    listed = list(zip(episodes["episode"].to_pylist(), episodes["digest"].to_pylist(), strict=True))
-    return hashlib.sha256(repr(listed).encode()).hexdigest()
+    numbers_and_digests = list(
+        zip(episodes["episode"].to_pylist(), episodes["digest"].to_pylist(), strict=True)
+    )
+    return hashlib.sha256(repr(numbers_and_digests).encode()).hexdigest()

@@ -57,16 +57,16 @@ class WindowData(NamedTuple):
     def fill(self, blocks: Iterable[Transitions]) -> None:
         """Copy the transitions of whole episodes, in order."""
         row = episode = 0
-        for made in blocks:
-            starts = np.flatnonzero(made.step == 0)
-            for start, length in zip(starts, np.diff(starts, append=len(made.step)), strict=True):
+        for block in blocks:
+            starts = np.flatnonzero(block.step == 0)
+            for start, length in zip(starts, np.diff(starts, append=len(block.step)), strict=True):
                 stop = start + length
                 place = len(self.frames) - row - episode - 1
-                self.frames[place - length + 1 : place + 1] = made.frames[start:stop][::-1]
-                self.frames[place - length] = made.next_frames[stop - 1]
+                self.frames[place - length + 1 : place + 1] = block.frames[start:stop][::-1]
+                self.frames[place - length] = block.next_frames[stop - 1]
                 self.lengths[episode] = length
                 for name in ("actions", "rewards", "terminated", "truncated"):
-                    getattr(self, name)[row : row + length] = getattr(made, name)[start:stop]
+                    getattr(self, name)[row : row + length] = getattr(block, name)[start:stop]
                 row, episode = row + length, episode + 1
 
 
@@ -108,8 +108,8 @@ def mapped(source: WindowFolder) -> WindowData:
     return stored
 
 
-def _damaged(folder: Path, found: object) -> UsageError:
-    return UsageError(f"folder: {folder} is damaged ({found}); remove it, or choose another folder")
+def _damaged(folder: Path, description: object) -> UsageError:
+    return UsageError(f"folder: {folder} is damaged ({description}); remove it, or choose another folder")
 
 
 def _make(source: WindowFolder, blocks: Iterable[Transitions]) -> None:
@@ -139,8 +139,8 @@ def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iter
         for name, (shape, dtype) in forms.items()
     ]
     WindowData(*maps).fill(blocks)
-    for each in maps:
-        each.flush()
+    for array in maps:
+        array.flush()
 
 
 def _forms(sizes: Sizes) -> list[tuple[Any, Any]]:
@@ -262,17 +262,17 @@ class Windows:
             "truncated": stored.truncated[rows],
         }
 
-    def _numbers(self, given: Array) -> Array:
+    def _numbers(self, numbers: Array) -> Array:
         """The numbers of transitions (n,) that are given as numbers, as a mask, or by an empty array."""
-        if given.dtype == bool and given.shape == (len(self),):
-            return np.flatnonzero(given)
-        if given.ndim != 1 or (given.dtype.kind not in "iu" and (len(given) or given.dtype == bool)):
+        if numbers.dtype == bool and numbers.shape == (len(self),):
+            return np.flatnonzero(numbers)
+        if numbers.ndim != 1 or (numbers.dtype.kind not in "iu" and (len(numbers) or numbers.dtype == bool)):
             raise IndexError(
-                f"found {given.dtype} {given.shape}, expected whole numbers (n,) or a mask ({len(self)},)"
+                f"found {numbers.dtype} {numbers.shape}, expected whole numbers (n,) or a mask ({len(self)},)"
             )
-        if len(given) and not 0 <= given.min() <= given.max() < len(self):
-            raise IndexError(f"found {given.min()} … {given.max()}, expected 0 … {len(self) - 1}")
-        return given.astype(np.int64)
+        if len(numbers) and not 0 <= numbers.min() <= numbers.max() < len(self):
+            raise IndexError(f"found {numbers.min()} … {numbers.max()}, expected 0 … {len(self) - 1}")
+        return numbers.astype(np.int64)
 
     def _gathered(self, numbers: Array, steps: Array) -> Float32s:
         """The frame after each of these frames, this frame, and those before it, (n, (history + 1) · k)."""

@@ -86,7 +86,7 @@ def evaluate(
     options = view_of(view)
     if options.reward_scale != 1.0:
         raise UsageError("view: found reward_scale, but returns are not scaled; leave it out")
-    if not options.is_classic and not any(isinstance(each, Live) for each in policies.values()):
+    if not options.is_classic and not any(isinstance(acting, Live) for acting in policies.values()):
         raise UsageError(
             "view: found one, but no object that could see it: policies of ibdata see the six observed "
             "variables; leave it out, or give a function, a module or an object"

@@ -37,14 +37,14 @@ def policies_of(
     for label, length in lengths.items():
         _refuse_length(length, f"history: {label}")
     labelled = list(_labelled(policies))
-    made = [policy_of(argument, common, allow_code) for _, argument in labelled]
-    labels = unequal(label or policy.label for (label, _), policy in zip(labelled, made, strict=True))
+    parsed = [policy_of(argument, common, allow_code) for _, argument in labelled]
+    labels = unequal(label or policy.label for (label, _), policy in zip(labelled, parsed, strict=True))
     taking = [label for label, (_, argument) in zip(labels, labelled, strict=True) if takes_history(argument)]
     refuse_unused(common, [argument for _, argument in labelled])
     for label in lengths.keys() - taking:
         expected = f"one of {', '.join(taking)}" if taking else "no label"
         raise UsageError(f"history: found {label!r}, expected {expected}: others set their own number")
-    by_label = dict(zip(labels, made, strict=True))
+    by_label = dict(zip(labels, parsed, strict=True))
     for label, length in lengths.items():
         by_label[label] = by_label[label].model_copy(update={"history": length})
     return by_label

@@ -31,17 +31,17 @@ def whole(target: Path, overwrite: bool = False) -> Iterator[Path]:
         if part.receipts:
             raise UsageError(f"{target}: an unfinished run of generate has this name; choose another --out")
         part.clear()
-        made = part.folder / "export" / target.name  # a name of its own, because Minari looks at the folder
-        made.parent.mkdir()
+        export = part.folder / "export" / target.name  # a name of its own, because Minari looks at the folder
+        export.parent.mkdir()
         try:
-            yield made
+            yield export
         except MemoryError:
             raise IbdataError(f"{target}: out of memory; use a smaller --history, or --split") from None
         signals.check()  # HDF5 loses exceptions
-        _sync(made)
+        _sync(export)
         _refuse(target, overwrite)
-        _refuse_others(place, made)
-        part.place(made)
+        _refuse_others(place, export)
+        part.place(export)
 
 
 def _refuse(target: Path, overwrite: bool) -> None:
@@ -58,17 +58,17 @@ def _refuse(target: Path, overwrite: bool) -> None:
             raise UsageError(f"{file}: found no export of ibdata; move it away, or choose another --out")
 
 
-def _refuse_others(place: Path, made: Path) -> None:
+def _refuse_others(place: Path, export: Path) -> None:
     """Raise UsageError if the folder to replace holds anything that the export does not have."""
     for path in place.rglob("*"):
         name = path.relative_to(place)
-        if not (made / name).exists():
+        if not (export / name).exists():
             raise UsageError(f"{place}: found {name}, which is not of such an export; choose another --out")
 
 
-def _sync(made: Path) -> None:
+def _sync(export: Path) -> None:
     """Wait until a file, or a folder with its files, is on the disk."""
-    for path in [made, *made.rglob("*")]:
+    for path in [export, *export.rglob("*")]:
         descriptor = os.open(path, os.O_RDONLY)
         try:
             files.sync(descriptor)

@@ -39,15 +39,15 @@ def _tables(view: View) -> Iterator[pa.Table]:
     columns = [column.name for column in view.info.columns]
     observed = [column.name for column in view.info.columns if column.role in OBSERVED]
     for table in view.tables(columns):
-        made = transitions(table, view.info, view.options)
-        rows = table.take(made.rows)
-        out = pa.Table.from_batches([as_batch(made, view.frame)])
+        block = transitions(table, view.info, view.options)
+        rows = table.take(block.rows)
+        out = pa.Table.from_batches([as_batch(block, view.frame)])
         for name in columns:
             if name not in observed and name not in out.column_names:
                 out = out.append_column(name, _without_dictionary(rows[name]))
         for name in view.clean:
             out = out.append_column(f"clean_{name}", rows[name])
-        yield _with_history(view, out, made)
+        yield _with_history(view, out, block)
 
 
 def _without_dictionary(column: pa.ChunkedArray) -> pa.ChunkedArray:
@@ -55,11 +55,11 @@ def _without_dictionary(column: pa.ChunkedArray) -> pa.ChunkedArray:
     return column.cast(pa.string()) if pa.types.is_dictionary(column.type) else column
 
 
-def _with_history(view: View, table: pa.Table, made: Transitions) -> pa.Table:
+def _with_history(view: View, table: pa.Table, block: Transitions) -> pa.Table:
     """The table with columns for earlier frames, newest first."""
     if view.history == 1:
         return table
-    histories = stacked(made.frames, made.next_frames, made.step, view.history)
+    histories = stacked(block.frames, block.next_frames, block.step, view.history)
     for prefix, history in zip(("", "next_"), histories, strict=True):
         for i in range(len(view.frame), history.shape[1]):
             lag, place = divmod(i, len(view.frame))

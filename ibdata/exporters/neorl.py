@@ -52,7 +52,7 @@ def _refuse_other_setpoints(view: View) -> None:
         raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
     setpoints = sorted(view.table["setpoint"].unique().tolist())
     if len(setpoints) > 1:
-        found = ", ".join(exact(p) for p in setpoints[:5])
+        shown = ", ".join(exact(p) for p in setpoints[:5])
         raise UsageError(
-            f"neorl: found the setpoints {found}, expected one setpoint; use --split, see ibdata split"
+            f"neorl: found the setpoints {shown}, expected one setpoint; use --split, see ibdata split"
         )

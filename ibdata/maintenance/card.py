@@ -45,23 +45,28 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
     """
     path = local(existing(folder))
     dataset = Dataset(path)
-    listed = dataset.stored.manifest
+    manifest_model = dataset.stored.manifest
     spec = spec_in(dataset.stored)
-    refuse_other_plan(spec, listed)
+    refuse_other_plan(spec, manifest_model)
     measured = quality(dataset)  # before the lock, as the pictures: it may take minutes
     report = why = None
     try:
         report = page(dataset, spec, drawn(dataset), measured)
     except ImportError as error:  # no matplotlib
         why = str(error)
-    version = printable(listed.versions.get("ibdata", __version__))
-    made = readme(
-        spec, unread_shards(spec, listed), dataset.content_root, dataset.stored.episodes, version, measured
+    version = printable(manifest_model.versions.get("ibdata", __version__))
+    text = readme(
+        spec,
+        unread_shards(spec, manifest_model),
+        dataset.content_root,
+        dataset.stored.episodes,
+        version,
+        measured,
     )
     with locked_part(resolved(path), path):
         dataset.stored.refuse_replaced()
         keep_edited(manifest.CARD, path, path)
-        write(path, manifest.CARD, made)
+        write(path, manifest.CARD, text)
         if report is None:
             print(f"ibdata: {manifest.REPORT} is not written: {why}", file=sys.stderr, flush=True)
             return [path / manifest.CARD]

@@ -137,15 +137,15 @@ def drawn(dataset: Readable, form: str = "png", progress: bool | None = False) -
     from ibdata.plots.summary import Summary
     from ibdata.system.progress import bar
 
-    made, wanted = {}, _of(dataset)
+    images, names = {}, _of(dataset)
     summary = Summary(dataset, progress)
-    with bar(progress, len(wanted), "pictures", "draw") as advance:
-        for name in wanted:
+    with bar(progress, len(names), "pictures", "draw") as advance:
+        for name in names:
             module = module_of(name)
             heading = f"{module.TITLE}: {dataset.stored.info.name}"
-            made[name] = image(partial(module.draw, summary=summary), form, heading, DATASET_DPI)
+            images[name] = image(partial(module.draw, summary=summary), form, heading, DATASET_DPI)
             advance(1)
-    return made
+    return images
 
 
 def _of(dataset: Readable) -> list[str]:
@@ -171,9 +171,9 @@ def _refuse_existing(path: Path, overwrite: bool) -> None:
     refuse_inside(path)
 
 
-def _one_of(what: str, found: str, known: list[str] | tuple[str, ...]) -> None:
-    if found not in known:
-        raise UsageError(f"{what}: found {found!r}, expected one of {', '.join(known)}")
+def _one_of(what: str, value: str, known: list[str] | tuple[str, ...]) -> None:
+    if value not in known:
+        raise UsageError(f"{what}: found {value!r}, expected one of {', '.join(known)}")
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -46,7 +46,7 @@ def count(
     dataset: Readable, cells: tuple[int, int], setpoint: Numbers, policy: Numbers, progress: bool | None
 ) -> Counts:
     """Count the rows by the groups (setpoint, policy) of their episodes (n,)."""
-    made = Counts(
+    counts = Counts(
         np.zeros(cells, np.int64),
         np.linspace(*_range(dataset, "reward"), REWARD_BINS + 1),
         np.zeros((*cells, REWARD_BINS), np.int64),
@@ -63,27 +63,27 @@ def count(
             stop = first + batch.num_rows
             episode = np.searchsorted(stops, np.arange(first, stop), side="right")
             x = {name: batch.column(name).to_numpy() for name in batch.schema.names}
-            _add(made, x, setpoint[episode], policy[episode])
+            _add(counts, x, setpoint[episode], policy[episode])
             advance(batch.num_rows)
             first = stop
-    rows = made.rows[..., None]
-    return made._replace(mean_costs=np.where(rows > 0, made.mean_costs, np.nan) / np.maximum(rows, 1))
+    rows = counts.rows[..., None]
+    return counts._replace(mean_costs=np.where(rows > 0, counts.mean_costs, np.nan) / np.maximum(rows, 1))
 
 
-def _add(made: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, policy: Numbers) -> None:
+def _add(counts: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, policy: Numbers) -> None:
     """Add rows to the counts; mean_costs holds sums until all rows are counted."""
-    _into(made.rows, setpoint, policy)
-    _into(made.rewards, setpoint, policy, bins(x["reward"], made.reward_edges))
+    _into(counts.rows, setpoint, policy)
+    _into(counts.rewards, setpoint, policy, bins(x["reward"], counts.reward_edges))
     places = [bins(x[name], STEERING_EDGES) for name in STEERINGS]
     for i, (a, b) in enumerate(PAIRS):
-        _into(made.coverage[:, i], policy, places[a], places[b])
-    costs, (c, f) = [x[name] for name in COSTS], made.cost_edges
+        _into(counts.coverage[:, i], policy, places[a], places[b])
+    costs, (c, f) = [x[name] for name in COSTS], counts.cost_edges
     near = (costs[0] >= c[0]) & (costs[0] <= c[-1]) & (costs[1] >= f[0]) & (costs[1] <= f[-1])
-    _into(made.costs, bins(costs[0][near], c), bins(costs[1][near], f))
+    _into(counts.costs, bins(costs[0][near], c), bins(costs[1][near], f))
     for i, values in enumerate(costs):
-        _into(made.mean_costs[..., i], setpoint, policy, weights=values)
+        _into(counts.mean_costs[..., i], setpoint, policy, weights=values)
     for i, name in enumerate(ACTIONS):
-        _into(made.actions[:, i], policy, bins(x[name], ACTION_EDGES))
+        _into(counts.actions[:, i], policy, bins(x[name], ACTION_EDGES))
 
 
 def bins(values: npt.NDArray[Any], edges: Floats) -> Numbers:

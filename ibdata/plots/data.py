@@ -29,7 +29,7 @@ def episodes(
             "output": {"dtype": "float64", "latent": "full"},
         }
     )
-    made = rollout(experiment, 0, count)
-    names = [name.removeprefix("obs_").removeprefix("latent_") for name in made.names]
-    table = made.table.reshape(len(names), count, steps).astype(np.float64)
+    columns = rollout(experiment, 0, count)
+    names = [name.removeprefix("obs_").removeprefix("latent_") for name in columns.names]
+    table = columns.table.reshape(len(names), count, steps).astype(np.float64)
     return [dict(zip(names, table[:, number], strict=True)) for number in range(count)]

@@ -44,14 +44,18 @@ def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes], mea
         "Load it": [f"<pre><code>{escape(LOAD)}</code></pre>"],
         "Where it comes from": _provenance(dataset),
     }
-    made = {title: section for title, parts in sections.items() if (section := list(parts))}
-    contents = [f'<li><a href="#{_id(title)}">{title}</a></li>' for title in made]
+    filled = {title: section for title, parts in sections.items() if (section := list(parts))}
+    contents = [f'<li><a href="#{_id(title)}">{title}</a></li>' for title in filled]
     lines = [
         f"<h1>{name}</h1>",
         f"<p>{escape(ABOUT)}</p>",
         _table((), [(key, value.replace("`", "")) for key, value in facts(spec)]),
         f'<nav aria-label="Contents"><ul>{"".join(contents)}</ul></nav>',
-        *(line for title, own in made.items() for line in (f'<h2 id="{_id(title)}">{title}</h2>', *own)),
+        *(
+            line
+            for title, parts_of_section in filled.items()
+            for line in (f'<h2 id="{_id(title)}">{title}</h2>', *parts_of_section)
+        ),
     ]
     head = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -75,8 +79,8 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
         names = (f"<th{_kind(value)}>{escape(text)}</th>" for text, value in zip(head, first, strict=True))
         lines.append(f"<thead><tr>{''.join(names)}</tr></thead>")
     columns = [
-        [f"<td{_kind(value)}>{escape(text)}</td>" for value, text in zip(own, column_texts(own), strict=True)]
-        for own in zip(*everything[:MOST], strict=True)
+        [f"<td{_kind(value)}>{escape(text)}</td>" for value, text in zip(row, column_texts(row), strict=True)]
+        for row in zip(*everything[:MOST], strict=True)
     ]
     lines += [f"<tr>{''.join(cells)}</tr>" for cells in zip(*columns, strict=True)]
     rest = len(everything) - MOST
@@ -114,17 +118,17 @@ def _size(png: bytes) -> tuple[int, int]:
 
 
 def _returns(dataset: Dataset) -> Iterable[str]:
-    found = dataset.returns()
+    returns = dataset.returns()
     rows = [
         (r["policy"], r["setpoint"], r["episodes"], r["mean_return"], r["standard_error"], r["mean_reward"],
          r["reference_score"])
-        for r in found["results"]
+        for r in returns["results"]
     ]  # fmt: skip
     yield _table(
         ("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "reference score"), rows
     )
-    if found["scale"]:
-        yield f"<p>reference score: {escape(found['scale'])}</p>"
+    if returns["scale"]:
+        yield f"<p>reference score: {escape(returns['scale'])}</p>"
 
 
 def _shown(result: Tabular) -> Iterable[str]:
@@ -151,19 +155,19 @@ def _experiments(spec: DatasetSpec) -> Iterable[str]:
 
 
 def _provenance(dataset: Dataset) -> Iterable[str]:
-    listed = dataset.stored.manifest
-    entries = listed.entries()
+    manifest = dataset.stored.manifest
+    entries = manifest.entries()
     yield f'<p>content root <code class="root">{escape(dataset.content_root)}</code></p>'
     reproducible: dict[bool | str, str] = {
         True: "yes, on any machine",
         False: "no, the machine computed other bits than all others",
     }
     rows: list[tuple[str, Any]] = [
-        ("reproducible", reproducible.get(listed.reproducible, "in the same environment only")),
-        ("data version", listed.data_version),
-        ("actions cut to [-1, 1]", listed.clipped_actions),
-        *((f"made with {name}", version) for name, version in sorted(listed.versions.items())),
-        *((f"code {c.target}", c.sha256 or c.version) for c in listed.code),
+        ("reproducible", reproducible.get(manifest.reproducible, "in the same environment only")),
+        ("data version", manifest.data_version),
+        ("actions cut to [-1, 1]", manifest.clipped_actions),
+        *((f"made with {name}", version) for name, version in sorted(manifest.versions.items())),
+        *((f"code {c.target}", c.sha256 or c.version) for c in manifest.code),
     ]
     yield _table((), rows)
-    yield _table(("file", "bytes", "SHA-256"), [entries[shard.path] for shard in listed.shards])
+    yield _table(("file", "bytes", "SHA-256"), [entries[shard.path] for shard in manifest.shards])

@@ -13,20 +13,20 @@ CLOSEST = 24  # times that neighbours fit between the lowest and the highest set
 FAR = 8.0  # times as large as the smallest is the largest value of a logarithmic axis
 
 
-def draw_spread(figure: Figure, summary: Summary, found: Floats, label: str, what: str) -> None:
+def draw_spread(figure: Figure, summary: Summary, quantiles: Floats, label: str, what: str) -> None:
     """Draw quantiles (setpoints, policies, 5), which are NaN where a policy does not occur."""
     setpoints, levels, policies = summary.setpoints, summary.levels, summary.policies
     apart = max(np.diff(levels).min(), np.ptp(levels) / CLOSEST) if len(levels) > 1 else 1.0
     figure.set_size_inches(WIDTH, 2.0 + 0.14 * len(setpoints) * max(2, len(policies)))
     axes = figure.subplots()
     for j, (name, (color, marker, _)) in enumerate(zip(policies, SERIES, strict=False)):
-        there = np.isfinite(found[:, j, 0])
+        there = np.isfinite(quantiles[:, j, 0])
         places = levels[there] - 0.8 * apart * ((j + 0.5) / len(policies) - 0.5)
-        low, lower, median, upper, high = found[there, j].T
+        low, lower, median, upper, high = quantiles[there, j].T
         axes.hlines(places, low, high, color=color, linewidth=0.8)
         axes.hlines(places, lower, upper, color=color, linewidth=2.5)
         axes.plot(median, places, marker, color=color, markersize=4.5, markeredgewidth=0, label=name)
-    _scale(axes, found[np.isfinite(found)])
+    _scale(axes, quantiles[np.isfinite(quantiles)])
     if np.diff(levels, prepend=-np.inf).min() >= apart:  # else their labels would overlap
         axes.set_yticks(levels, setpoints)
     axes.set_ylim(levels[0] - 0.5 * apart, levels[-1] + 0.5 * apart)

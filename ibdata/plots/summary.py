@@ -50,7 +50,7 @@ class Summary:
 
     def label(self, column: str) -> str:
         """The label of a column on an axis: its meaning and its unit, from meta/dataset.json."""
-        [described] = [each for each in self.dataset.stored.info.columns if each.name == column]
+        [described] = [entry for entry in self.dataset.stored.info.columns if entry.name == column]
         unit = {"1": "", "cost": " (cost units)"}.get(described.unit, f" ({described.unit})")
         return f"{described.description}{unit}"
 

@@ -71,7 +71,7 @@ def _of_stable_baselines(model: Any) -> Actor:
     else:  # TD3
         extractor, (*hidden, mean, _) = policy.actor.features_extractor, policy.actor.mu
         squash, log_std, bounds = "tanh", None, SAC_BOUNDS
-    modules = [*_modules(extractor), *(part for each in hidden for part in _modules(each))]
+    modules = [*_modules(extractor), *(part for layer in hidden for part in _modules(layer))]
     return Actor(modules, mean, squash, actions, log_std, bounds, scaling)
 
 

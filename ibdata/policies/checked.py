@@ -100,8 +100,11 @@ class OfUser(Distribution):
     def atoms(self, action: Float32s) -> Bools:
         atoms = np.asarray(self.distribution.atoms(read_only(action)))
         if atoms.dtype != np.bool_ or atoms.shape != action.shape:
-            found, expected = f"atoms of {atoms.dtype} and shape {atoms.shape}", f"bool and {action.shape}"
-            raise AnswerError(f"found {found}, expected {expected}")
+            shape_found, expected = (
+                f"atoms of {atoms.dtype} and shape {atoms.shape}",
+                f"bool and {action.shape}",
+            )
+            raise AnswerError(f"found {shape_found}, expected {expected}")
         return atoms
 
 

@@ -106,9 +106,9 @@ class Wrapper(Policy):
         distribution, memory = self.base_distribution(observed)
         return applied(distribution.sample(observed.uniforms)), memory
 
-    def remembered(self, base: npt.ArrayLike, own: Floats) -> npt.ArrayLike:
+    def remembered(self, base: npt.ArrayLike, memory: Floats) -> npt.ArrayLike:
         """The memory of the base followed by the policy's own."""
-        return np.concatenate([base, own], axis=1) if self.base.needs.memory else own
+        return np.concatenate([base, memory], axis=1) if self.base.needs.memory else memory
 
 
 Probability = Annotated[

@@ -87,7 +87,7 @@ def is_live(policy: Policy) -> bool:
 def without_runs(form: Any) -> Any:
     """A form in which live objects have no name of a run, so that each call draws the same numbers."""
     if isinstance(form, list):
-        return [without_runs(each) for each in form]
+        return [without_runs(item) for item in form]
     if not isinstance(form, dict):
         return form
     is_live = form.get("kind") == "live"

@@ -24,7 +24,7 @@ def cache_folders() -> CacheFolders:
 
     If neither can be written to, a temporary folder, which this process removes at its end, is the last.
     """
-    found: list[str] = []
+    folders: list[str] = []
     user = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     for folder in (os.environ.get("IBDATA_CACHE_DIR", ""), os.path.join(user, "ibdata")):
         path = os.path.expanduser(folder)
@@ -32,10 +32,10 @@ def cache_folders() -> CacheFolders:
             if not path or path.startswith("~"):  # not set, or a user without a home
                 continue
             os.makedirs(path, 0o700, exist_ok=True)
-            found.append(os.path.abspath(path))
+            folders.append(os.path.abspath(path))
             if os.access(path, os.W_OK):
-                return CacheFolders(tuple(found), True)
+                return CacheFolders(tuple(folders), True)
     with suppress(OSError):
-        found.append(tempfile.mkdtemp(prefix="ibdata-"))
-        atexit.register(shutil.rmtree, found[-1], ignore_errors=True)
-    return CacheFolders(tuple(found), False)
+        folders.append(tempfile.mkdtemp(prefix="ibdata-"))
+        atexit.register(shutil.rmtree, folders[-1], ignore_errors=True)
+    return CacheFolders(tuple(folders), False)

@@ -97,16 +97,16 @@ class Part:
                 raise BusyError(f"{self.target}: another process is writing here; wait for it")
             time.sleep(0.02)
 
-    def place(self, made: Path) -> None:
+    def place(self, dataset: Path) -> None:
         """Give what was made in the part its name. What has the name is in the part afterwards.
 
         A file or folder that is replaced changes places with the new one in one system call, if there is one.
         """
         replaces = self.target.is_file() or (self.target.is_dir() and any(self.target.iterdir()))
-        if not replaces or not exchanged(made, self.target):
+        if not replaces or not exchanged(dataset, self.target):
             if replaces:
                 self.target.rename(self.folder / OLD)  # readers find nothing for a moment
-            made.rename(self.target)
+            dataset.rename(self.target)
         sync_folder(self.target.parent)
 
     def clear(self) -> None:

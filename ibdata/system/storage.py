@@ -91,8 +91,8 @@ class Storage:
     def names(self, folder: str) -> list[str]:
         """The names of what is in a folder, in order. The name of a folder ends in a slash."""
         try:
-            with os.scandir(self._path / folder) as found:
-                return sorted(entry.name + "/" * os.path.isdir(entry) for entry in found)
+            with os.scandir(self._path / folder) as entries:
+                return sorted(entry.name + "/" * os.path.isdir(entry) for entry in entries)
         except (FileNotFoundError, NotADirectoryError):
             return []
 
@@ -163,21 +163,23 @@ class Remote(Storage):
 
         try:
             with plain_errors():
-                found = self._files.get_file_info(
+                entries = self._files.get_file_info(
                     FileSelector(f"{self._base}/{folder}", allow_not_found=True)
                 )
         except OSError as error:
             raise damaged(self, folder, f"cannot be listed: {reason(error)}") from None
-        return sorted(info.base_name + "/" * (not info.is_file) for info in found)
+        return sorted(info.base_name + "/" * (not info.is_file) for info in entries)
 
     def sizes(self) -> dict[str, int]:
         """The bytes of every file at the URL, by its path."""
         from pyarrow.fs import FileSelector
 
         with plain_errors():
-            found = self._files.get_file_info(FileSelector(self._base, allow_not_found=True, recursive=True))
+            entries = self._files.get_file_info(
+                FileSelector(self._base, allow_not_found=True, recursive=True)
+            )
         base = self._base.strip("/")
-        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in found if info.is_file}
+        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in entries if info.is_file}
 
     def put(self, source: Path, path: str) -> None:
         """Upload a file. If that fails, part of it may be there."""
@@ -269,14 +271,14 @@ def _file_system(url: str) -> tuple[Any, str]:
 
     scheme = f"{url.partition('://')[0]}://"
     try:
-        found: tuple[Any, str] = FileSystem.from_uri(url)
+        file_system: tuple[Any, str] = FileSystem.from_uri(url)
     except ImportError:  # for some schemes, such as hf://, pyarrow itself imports fsspec
         pass
     except (ArrowException, OSError) as error:
         if not isinstance(error, ArrowNotImplementedError) and "Unrecognized filesystem" not in str(error):
             raise UsageError(f"{printable(url)}: {reason(error)}") from None
     else:
-        return found
+        return file_system
     try:
         import fsspec
     except ImportError:

@@ -149,10 +149,10 @@ def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
     return numbers_of_rows
 
 
-def _schema(found: pa.Schema, expected: list[Column]) -> str | None:
+def _schema(schema: pa.Schema, expected: list[Column]) -> str | None:
     """Describe the first column whose name or type is not the expected one, if there is one."""
     pairs = zip_longest(
-        [(field.name, parquet.plain_type(field.type)) for field in found],
+        [(field.name, parquet.plain_type(field.type)) for field in schema],
         [(c.name, c.dtype) for c in expected],
     )
     wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
@@ -258,13 +258,13 @@ def _plain(column: pa.ChunkedArray) -> pa.Array:
     return (column.cast(pa.string()) if texts else column).combine_chunks()
 
 
-def _differing(found: pa.Array, expected: pa.Array) -> list[int]:
+def _differing(column: pa.Array, expected: pa.Array) -> list[int]:
     """The rows in which two columns differ, but for rounding."""
-    if pa.types.is_floating(found.type):
-        return np.flatnonzero(~np.isclose(found, expected, rtol=1e-9, atol=1e-9)).tolist()
-    if found.equals(expected):
+    if pa.types.is_floating(column.type):
+        return np.flatnonzero(~np.isclose(column, expected, rtol=1e-9, atol=1e-9)).tolist()
+    if column.equals(expected):
         return []
-    pairs = zip(found.to_pylist(), expected.to_pylist(), strict=True)
+    pairs = zip(column.to_pylist(), expected.to_pylist(), strict=True)
     return [i for i, (x, y) in enumerate(pairs) if x != y]
 
 
@@ -294,10 +294,10 @@ def _names(statistics: Statistics) -> dict[str, Any]:
     return {"all": sorted(statistics.all), "splits": of_splits}
 
 
-def _numbers(found: Statistic, expected: Statistic) -> Iterator[str]:
+def _numbers(statistic: Statistic, expected: Statistic) -> Iterator[str]:
     """Compare the statistics of a column, but for rounding; versions of numpy choose other quantiles."""
     spread = (expected.max or 0.0) - (expected.min or 0.0)
-    numbers = _by_name(found)
+    numbers = _by_name(statistic)
     for name, number in _by_name(expected).items():
         tolerance = 0.01 * spread if name in expected.quantiles else 1e-9
         if not _near(numbers[name], number, tolerance):

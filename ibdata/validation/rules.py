@@ -203,20 +203,20 @@ def density(rows: Rows) -> Found:
     for low, high in pairwise(cuts):
         behaviour = experiment.policies[policies[low]]
         if not any(policy.code_target for policy in behaviour.everywhere()):
-            own = slice(low * steps, high * steps)
-            found = rows.columns["action_log_prob"][own]
-            expected = _log_prob(rows, low, high).astype(found.dtype)
-            odd = np.flatnonzero(found != expected)
-            far = ~np.isclose(found[odd], expected[odd], rtol=1e-6, atol=1e-6, equal_nan=True)
-            wrong[own.start + odd[far]] = True
+            part = slice(low * steps, high * steps)
+            stored = rows.columns["action_log_prob"][part]
+            expected = _log_prob(rows, low, high).astype(stored.dtype)
+            odd = np.flatnonzero(stored != expected)
+            far = ~np.isclose(stored[odd], expected[odd], rtol=1e-6, atol=1e-6, equal_nan=True)
+            wrong[part.start + odd[far]] = True
     yield from _where(wrong, "action_log_prob", rows, "the policy's log density")
 
 
 def _log_prob(rows: Rows, low: int, high: int) -> Array:
     """The log densities of the actions of episodes low … high - 1 of these rows, all of one policy."""
-    own = slice(low * rows.experiment.steps, high * rows.experiment.steps)
+    part = slice(low * rows.experiment.steps, high * rows.experiment.steps)
     observations, actions = (
-        rows.stack(role)[own].astype(np.float32).reshape(high - low, rows.experiment.steps, -1)
+        rows.stack(role)[part].astype(np.float32).reshape(high - low, rows.experiment.steps, -1)
         for role in ("observation", "action")
     )
     first = rows.part.first + low

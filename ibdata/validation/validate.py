@@ -74,18 +74,20 @@ def _fully(stored: Stored, progress: bool | None) -> Iterator[Problem]:
 
 def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Problem]:
     """The problems with what whole files hold."""
-    listed = stored.manifest
+    manifest_model = stored.manifest
     try:
         spec = declared_spec(stored)
     except DatasetError as error:
         yield Problem.of(error, manifest.PATH, stored.storage.where(manifest.PATH), "manifest")
         return
-    plan = [Problem(manifest.PATH, None, rule, message) for rule, message in plan_problems(spec, listed)]
+    plan = [
+        Problem(manifest.PATH, None, rule, message) for rule, message in plan_problems(spec, manifest_model)
+    ]
     yield from plan
     if any(problem.rule in ("experiments", "files") for problem in plan):
         return
-    entries, written = listed.entries(), list[WrittenShard]()
-    for shard, one in zip(spec.shards, listed.shards, strict=True):
+    entries, written = manifest_model.entries(), list[WrittenShard]()
+    for shard, one in zip(spec.shards, manifest_model.shards, strict=True):
         if not files.is_whole(one.path):
             continue
         summary, problems = check_shard(spec, shard, stored.storage, one.path, advance)
@@ -96,8 +98,8 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
                 yield Problem(one.path, None, "digest", "found other content than the manifest lists")
     if len(written) == len(spec.shards):
         root = root_of(spec, ((w.shard, w.content.digests) for w in written))
-        if root != listed.content_root:
-            message = f"found {listed.content_root}, expected {root}"
+        if root != manifest_model.content_root:
+            message = f"found {manifest_model.content_root}, expected {root}"
             yield Problem(manifest.PATH, None, "content root", message)
     yield from metadata_problems(stored, spec, written, files.is_whole)
     yield from splits_problems(stored)
@@ -161,13 +163,13 @@ class Hashing:
     def problems(self, advance: Advance = unseen) -> Iterator[Problem]:
         """The files that are missing, and those that have another SHA-256 or size."""
         for path, expected in self._expected.items():
-            found = self._found[path].result()
+            entry = self._found[path].result()
             advance(1)
-            if found is None:
+            if entry is None:
                 yield Problem(path, None, "file", f"found no file that can be read{self._todo}")
-            elif found.sha256 != expected.sha256:
-                shown = f"found {found.sha256[:12]}…, expected {expected.sha256[:12]}…"
+            elif entry.sha256 != expected.sha256:
+                shown = f"found {entry.sha256[:12]}…, expected {expected.sha256[:12]}…"
                 yield Problem(path, None, "hash", f"{shown} as the manifest lists{self._todo}")
-            elif found != expected:
-                shown = f"found {found.bytes} bytes, expected {expected.bytes}"
+            elif entry != expected:
+                shown = f"found {entry.bytes} bytes, expected {expected.bytes}"
                 yield Problem(path, None, "file", f"{shown} as the manifest lists{self._todo}")

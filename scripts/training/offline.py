@@ -77,7 +77,7 @@ class Rows(NamedTuple):
 
 def rows_of(dataset: ibdata.Dataset, history: int = HISTORY) -> Rows:
     """The rows of a dataset, with stacked observations and scaled rewards."""
-    view = View(dataset, history=history, options=view_options(reward_scale=REWARD_SCALE))
+    view = View(dataset.select(), history=history, options=view_options(reward_scale=REWARD_SCALE))
     size = view.rows + view.episodes
     observations = np.empty((size, 6 * history), np.float32)
     actions, rewards = np.empty((size, 3), np.float32), np.empty((size, 1), np.float32)

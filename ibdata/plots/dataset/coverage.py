@@ -17,8 +17,8 @@ def draw(figure: Figure, summary: Summary) -> None:
     counts = summary.counts.coverage
     norm = LogNorm(1, max(10, counts.max()))
     panels = figure.subplots(len(counts), len(PAIRS), sharex=True, sharey=True, squeeze=False)
-    for row, own, name in zip(panels, counts, summary.policies, strict=True):
-        for axes, (_, b), visits in zip(row, PAIRS, own, strict=True):
+    for row, pictures, name in zip(panels, counts, summary.policies, strict=True):
+        for axes, (_, b), visits in zip(row, PAIRS, pictures, strict=True):
             shown = counted(axes, visits, (0.0, 100.0, 0.0, 100.0), norm)
             axes.set_aspect("equal")
             axes.set_ylabel(summary.label(STEERINGS[b]), labelpad=1)

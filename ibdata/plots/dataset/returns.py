@@ -15,8 +15,8 @@ def draw(figure: Figure, summary: Summary) -> None:
     lengths = summary.episodes["length"].to_numpy()
     if np.ptp(lengths) > 0:
         values, label = values / lengths, "mean reward of a step; the episodes differ in length"
-    found = np.full((len(summary.setpoints), len(summary.policies), len(QUANTILES)), np.nan)
+    quantiles = np.full((len(summary.setpoints), len(summary.policies), len(QUANTILES)), np.nan)
     for i, j in np.unique([summary.setpoint, summary.policy], axis=1).T:
-        own = (summary.setpoint == i) & (summary.policy == j)
-        found[i, j] = np.quantile(values[own], QUANTILES)
-    draw_spread(figure, summary, found, f"{label} (minus its costs)", "the episodes")
+        chosen = (summary.setpoint == i) & (summary.policy == j)
+        quantiles[i, j] = np.quantile(values[chosen], QUANTILES)
+    draw_spread(figure, summary, quantiles, f"{label} (minus its costs)", "the episodes")

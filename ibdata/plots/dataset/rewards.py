@@ -14,8 +14,10 @@ LABEL = "reward of a step: minus the cost, consumption + 3 · fatigue"
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw the spread of the rewards."""
     counts = summary.counts
-    found = np.array([[_quantiles(own, counts.reward_edges) for own in row] for row in counts.rewards])
-    draw_spread(figure, summary, found, LABEL, "the steps")
+    quantiles = np.array(
+        [[_quantiles(histogram, counts.reward_edges) for histogram in row] for row in counts.rewards]
+    )
+    draw_spread(figure, summary, quantiles, LABEL, "the steps")
 
 
 def _quantiles(counts: Numbers, edges: Floats) -> Floats:

@@ -15,9 +15,11 @@ NONE = "(none)"
 
 def membership(summary: Summary) -> tuple[list[str], Numbers]:
     """The first 24 splits, and `NONE` where episodes are in none; 1 or 0 for each (episodes, splits)."""
-    held = [tuple(own) or (NONE,) for own in summary.episodes["splits"]]
+    held = [tuple(splits_of_episode) or (NONE,) for splits_of_episode in summary.episodes["splits"]]
     names = [*list(summary.dataset.stored.splits)[:MOST], *([NONE] if (NONE,) in held else [])]
-    return names, np.array([[name in own for name in names] for own in held], np.int64)
+    return names, np.array(
+        [[name in splits_of_episode for name in names] for splits_of_episode in held], np.int64
+    )
 
 
 def draw(figure: Figure, summary: Summary) -> None:

@@ -19,8 +19,8 @@ LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, ":"))
 
 def paths(dynamics: str, seed: int) -> npt.NDArray[np.float64]:
     """The setpoints (4, 1000)."""
-    made = episodes(dynamics, "drifting", "constant", STEPS, seed, len(LINES))
-    return np.array([columns["setpoint"] for columns in made])
+    episodes_drawn = episodes(dynamics, "drifting", "constant", STEPS, seed, len(LINES))
+    return np.array([columns["setpoint"] for columns in episodes_drawn])
 
 
 def draw(figure: Figure, dynamics: str, seed: int) -> None:
