@@ -23,9 +23,9 @@ from typing import TextIO
 
 import click
 
-from ibdata.cli._printing import print_json, say, shortened
+from ibdata.cli._printing import print_json, shortened
 from ibdata.cli._suggesting import Suggesting, summary_of
-from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, printable
+from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, notice, printable
 from ibdata.system import processes
 from ibdata.version import __version__
 
@@ -199,9 +199,10 @@ def _lines(error: Exception) -> list[str]:
 
 def _report(lines: list[str], hint: str) -> None:
     for line in lines:
-        say(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
+        begins_with_place = line[:1] in "/." or ":" in line.split(" ")[0]
+        notice(line, "" if begins_with_place else "ibdata: ")
     if hint:
-        say(hint, err=True)
+        notice(hint, "")
 
 
 def _report_json(lines: list[str], code: int) -> None:

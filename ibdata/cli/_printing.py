@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import click
 
 from ibdata.dataset.tabular import Table, as_text
-from ibdata.errors import hidden, printable
+from ibdata.errors import hidden, notice, printable
 from ibdata.numerics.naming import counted
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def prints_result(function: Callable[..., Result]) -> Callable[..., None]:
             say(text)
         if isinstance(result, Printed):
             for problem in shortened(result.problems):
-                say(printable(problem), err=True)
+                notice(problem, "")
             click.get_current_context().exit(result.exit_code)
 
     return click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON document.")(
@@ -68,14 +68,14 @@ def prints_result(function: Callable[..., Result]) -> Callable[..., None]:
     )
 
 
-def say(text: object = "", err: bool = False) -> None:
+def say(text: str) -> None:
     """Print text of one line or several.
 
     It may hold texts of datasets, experiments and policies, so control characters are escaped, and
     credentials in URLs are hidden.
     """
-    for line in str(text).removesuffix("\n").split("\n"):
-        click.echo(printable(hidden(line)), err=err)
+    for line in text.removesuffix("\n").split("\n"):
+        click.echo(printable(hidden(line)))
 
 
 def print_json(data: Mapping[str, Any], indent: int | None = None) -> None:

@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from ibdata.cli._printing import say
-from ibdata.errors import suggestion
+from ibdata.errors import notice, suggestion
 
 
 class Suggesting(click.Group):
@@ -18,7 +17,8 @@ class Suggesting(click.Group):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Without arguments, print the help on stderr; the exit code is 2."""
         if not args and not ctx.resilient_parsing:
-            say(ctx.get_help(), err=True)
+            for line in ctx.get_help().split("\n"):
+                notice(line, "")
             ctx.exit(2)
         return super().parse_args(ctx, args)
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ibdata.errors import ConfigError, UsageError, say, suggestion
+from ibdata.errors import ConfigError, UsageError, notice, suggestion
 from ibdata.experiment.code import user_objects_in
 from ibdata.experiment.messages import Problem, refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
@@ -164,7 +164,7 @@ def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
 def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bool = True) -> Iterator[None]:
     """A context in which custom policies are loaded, and code of a user is pure. Modules are those of Python.
 
-    Objects see so many `columns` of an observation. At the end it `says` on stderr what may be wrong with
+    Objects see so many `columns` of an observation. At the end a notice on stderr says what may be wrong with
     them. Raises PolicyError for a policy that remembers or draws in secret.
     """
     policies = list(policies)
@@ -178,7 +178,7 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
         yield
         for policy in policies if says else ():
             for note in notes_on(policy):
-                say(f"{policy.label}: {note}")
+                notice(f"{policy.label}: {note}")
     finally:
         for part in objects:
             part.forget()

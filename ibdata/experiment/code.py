@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
-from ibdata.errors import UsageError, printable, say
+from ibdata.errors import UsageError, notice, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies import Policy
 from ibdata.policies.code import (
@@ -80,7 +80,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
 def announce(spec: DatasetSpec) -> None:
     """Print on stderr which code of custom policies runs now."""
     for target in dict.fromkeys(custom.target for custom in customs(spec)):
-        say(f"running the code of {target}")
+        notice(f"running the code of {target}")
 
 
 def places_of(spec: DatasetSpec) -> Places:

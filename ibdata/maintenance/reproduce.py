@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 
 from ibdata.arguments import public
@@ -11,7 +10,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.models import Manifest
 from ibdata.dataset.stored import Stored
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, notice
 from ibdata.experiment.code import changed_here, consented_spec, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -59,8 +58,7 @@ def reproduce(
     problems += changed_files(stored, {listed.shards[part.number].path for part in asked})
     names = changed_here(spec, listed.code)
     if names:
-        found = f"ibdata: {stored.name}: was made with other code than is here, in {names_of(names)}"
-        print(found, file=sys.stderr, flush=True)
+        notice(f"{stored.name}: was made with other code than is here, in {names_of(names)}")
     with process_for(spec) as process:
         clipped, differing = process.call(_made_again, asked, digests)
     for episode in differing:
