@@ -1,4 +1,4 @@
-"""The command line. Each command is one file and calls one library function. Errors become exit codes."""
+"""The command line. A command calls one library function and prints its result. Errors become exit codes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import atexit
 import gc
 import inspect
 import os
-import pkgutil
 import re
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from functools import cached_property
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
@@ -30,6 +30,7 @@ from ibdata.system import processes
 from ibdata.version import __version__
 
 INTERRUPTED = 130
+COMMAND = re.compile(r"^def (\w+)_command\(", re.MULTILINE)
 PLACE = re.compile(r"(?P<file>.+?):(?P<line>\d+):\d+: ")
 
 
@@ -40,17 +41,34 @@ class Stopped(Exception):
         self.interrupted = interrupted
 
 
+def _modules() -> Iterator[Path]:
+    """The files of this folder that hold commands."""
+    return Path(__path__[0]).glob("[!_]*.py")
+
+
 class Commands(Suggesting):
-    """Every module of this folder whose name does not begin with _ holds a `command`."""
+    """Every function NAME_command in a module of this folder is the command NAME."""
+
+    @cached_property
+    def modules(self) -> dict[str, str]:
+        """The module of each command, from the text of the modules, because to import them takes long."""
+        texts = {path.stem: path.read_text(encoding="utf-8") for path in _modules()}
+        return {name: module for module, text in texts.items() for name in COMMAND.findall(text)}
+
+    @cached_property
+    def functions(self) -> dict[str, ast.FunctionDef]:
+        """The functions of the modules, which are not imported."""
+        nodes = (node for path in _modules() for node in ast.parse(path.read_bytes()).body)
+        return {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        names = (module.name for module in pkgutil.iter_modules(__path__))
-        return sorted(name for name in names if not name.startswith("_"))
+        return sorted(self.modules)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in self.list_commands(ctx):
+        if cmd_name not in self.modules:
             return None
-        command: click.Command = import_module(f"{__name__}.{cmd_name}").command
+        module = import_module(f"{__name__}.{self.modules[cmd_name]}")
+        command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 
     def invoke(self, ctx: click.Context) -> None:
@@ -61,10 +79,7 @@ class Commands(Suggesting):
 
     def summary(self, ctx: click.Context, name: str) -> str:
         """The first sentence of a command's help."""
-        code = ast.parse(Path(__path__[0], f"{name}.py").read_bytes())
-        functions = (node for node in code.body if isinstance(node, ast.FunctionDef))
-        said = summary_of(next(each for each in functions if each.name == "command"))
-        return said.partition(". ")[0].removesuffix(".") + "."
+        return summary_of(self.functions[f"{name}_command"]).partition(". ")[0].removesuffix(".") + "."
 
 
 @click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})

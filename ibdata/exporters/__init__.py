@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ibdata.arguments import public
+from ibdata.dataset.tabular import pairs
+from ibdata.numerics.naming import counted, within
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Rows
@@ -37,6 +39,17 @@ class Exported(NamedTuple):
     snippet: str  # Python that loads it
     frame: tuple[str, ...]  # the numbers that are observed at one step
     left_out: int  # transitions whose next frame is not in the dataset
+
+    def plain(self) -> dict[str, Any]:
+        """The fields as plain data for JSON."""
+        return self._asdict()
+
+    def __repr__(self) -> str:
+        lines = [("export", self.path), ("rows", within(self.rows, self.episodes)), ("format", self.format)]
+        if self.left_out:
+            why = "the last of each episode; generate with output: {latent: next} to keep them"
+            lines.append(("left out", f"{counted(self.left_out, 'row')}, {why}"))
+        return f"{pairs(lines)}\n\n{self.snippet}"
 
 
 @public

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.arguments import public
-from ibdata.dataset.tabular import Table, Tabular
+from ibdata.dataset.tabular import Table, Tabular, pairs
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -25,6 +25,7 @@ from ibdata.generation.upload import refuse_overwrite
 from ibdata.generation.warm_up import warm_up
 from ibdata.generation.worker import process_for
 from ibdata.generation.workers import divide
+from ibdata.numerics.naming import counted, size
 from ibdata.system.files import HashingFile
 from ibdata.system.part import resolved
 from ibdata.system.processes import available_processors
@@ -42,6 +43,24 @@ class Estimate(Tabular, dict[str, Any]):
         """The names and values, a row for each experiment."""
         rows = self.get("experiments", [self])
         return [Table(list(rows[0]), [list(row.values()) for row in rows])]
+
+    def plain(self) -> dict[str, Any]:
+        """The names and values."""
+        return self
+
+    def __repr__(self) -> str:
+        lines = [
+            f"{run['out']}: {counted(run['rows'], 'row')}, {size(run['bytes'])}, {run['seconds']:.1f} s"
+            for run in self.get("experiments", [])
+        ]
+        workers = counted(self["workers"], "worker")
+        total = [
+            ("out", f"{self['out']} (nothing is written)"),
+            *((name, f"{self[name]:,}") for name in ("episodes", "rows", "shards")),
+            ("bytes", f"{self['bytes']:,} ({size(self['bytes'])}, estimated from a sample)"),
+            ("seconds", f"{self['seconds']:,.1f} with {workers} (estimated from a sample)"),
+        ]
+        return "\n".join([*lines, *([""] if lines else []), pairs(total)])
 
 
 @partial(public, keys=KEYS)

@@ -10,7 +10,7 @@ from helpers.tiny import FOUR_SHARDS as TINY
 
 import ibdata
 from ibdata import Experiment
-from ibdata.cli.generate import command
+from ibdata.cli.make import generate_command as command
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import suites
 from ibdata.generation.engine import ENGINES, select_engine
