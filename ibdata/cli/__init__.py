@@ -128,12 +128,12 @@ def _nowhere() -> TextIO:
     return open(os.devnull, "w", encoding="utf-8")
 
 
-def _run(given: list[str]) -> int:
+def _run(args: list[str]) -> int:
     """Run a command, report its error, and return its exit code."""
-    debug, hint = "--debug" in given, ""
+    debug, hint = "--debug" in args, ""
     try:
-        plain = [arg for arg in given if arg != "--debug"]
-        code = int(cli.main(plain, prog_name="ibdata", standalone_mode=False) or 0)
+        others = [arg for arg in args if arg != "--debug"]
+        code = int(cli.main(others, prog_name="ibdata", standalone_mode=False) or 0)
         sys.stdout.flush()
         return code
     except click.ClickException as error:
@@ -152,7 +152,7 @@ def _run(given: list[str]) -> int:
         code, lines = error.exit_code if isinstance(error, IbdataError) else 1, _lines(error)
     with suppress(OSError):  # stderr or stdout may be what cannot be written
         _report(lines, hint)
-        if "--json" in given:
+        if "--json" in args:
             _report_json(lines, code)
     return code
 

@@ -46,14 +46,14 @@ class Listing(click.Command):
     """A command whose help ends with a list of names and descriptions."""
 
     def __init__(
-        self, *args: Any, title: str, listed: Callable[[], list[tuple[str, str]]], **options: Any
+        self, *args: Any, title: str, entries: Callable[[], list[tuple[str, str]]], **options: Any
     ) -> None:
         super().__init__(*args, **options)
-        self._title, self._listed = title, listed
+        self._title, self._entries = title, entries
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section(self._title):
-            formatter.write_dl(self._listed())
+            formatter.write_dl(self._entries())
 
 
 def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:

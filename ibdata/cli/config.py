@@ -47,13 +47,13 @@ def policies() -> Printed:
     """List the policies and their options."""
     from ibdata.policies import described
 
-    found = described()
+    kinds = described()
     lines = []
-    for policy in found:
+    for policy in kinds:
         lines.append(f"{policy['kind']}: {policy['summary']}")
         for option in policy["options"]:
             lines.append(f"    {option['name']} ({_default(option)}): {option['description']}")
-    return Printed({"policies": found}, "\n".join(lines))
+    return Printed({"policies": kinds}, "\n".join(lines))
 
 
 def _default(option: Mapping[str, Any]) -> str:
@@ -73,8 +73,8 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None) -> Print
     from ibdata.experiment import find, load_all
 
     rows = sum(experiment.rows for experiment in load_all(config, overrides, seed))
-    found = str(find(config))
-    return Printed({"config": found, "valid": True, "rows": rows}, f"{found}: valid, {counted(rows, 'row')}")
+    path = str(find(config))
+    return Printed({"config": path, "valid": True, "rows": rows}, f"{path}: valid, {counted(rows, 'row')}")
 
 
 @config_command.command("show")

@@ -11,7 +11,7 @@ from ibdata.plots import DYNAMICS, FORMS, figure, names, plot, plots
 
 
 @click.command(
-    "plot", cls=Listing, title="Pictures", listed=lambda: summaries("ibdata.plots.dataset", plots())
+    "plot", cls=Listing, title="Pictures", entries=lambda: summaries("ibdata.plots.dataset", plots())
 )
 @folder_argument
 @click.option(
@@ -37,7 +37,7 @@ def plot_command(
 
 
 @click.command(
-    "figure", cls=Listing, title="Figures", listed=lambda: summaries("ibdata.plots.paper", names())
+    "figure", cls=Listing, title="Figures", entries=lambda: summaries("ibdata.plots.paper", names())
 )
 @click.argument("name", type=click.Choice(names()))
 @click.option("--out", type=LOCAL, metavar="FILE", help="A .png or .svg file; default figures/<name>.png.")

@@ -18,7 +18,7 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
     return names if len(names) > 1 or text.startswith(("obs_", "latent_")) else text
 
 
-@click.command("export", cls=Listing, title="Formats", listed=lambda: summaries("ibdata.exporters", FORMATS))
+@click.command("export", cls=Listing, title="Formats", entries=lambda: summaries("ibdata.exporters", FORMATS))
 @folder_argument
 @click.option(
     "--to",

@@ -24,8 +24,8 @@ def _fractions(ctx: click.Context, param: click.Parameter, value: str | None) ->
 
 def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     pairs = [value.partition("=")[::2] for value in values]
-    for value, (made, name) in zip(values, pairs, strict=True):
-        if not (made and name):
+    for value, (split, name) in zip(values, pairs, strict=True):
+        if not (split and name):
             raise click.BadParameter(f"found {value!r}, expected two names such as source=at-50")
     return dict(pairs)
 
