@@ -165,7 +165,7 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
     """A context in which the objects of these policies are loaded and known to be pure.
 
     Objects see so many `columns` of an observation. At the end they are forgotten, the modules of Python are
-    not, and a notice on stderr says what may be wrong with them. Raises PolicyError for a policy that remembers
+    not, and notices on stderr say what may be wrong with them. Raises PolicyError for a policy that remembers
     or draws in secret.
     """
     policies = list(policies)
