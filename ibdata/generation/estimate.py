@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.arguments import public
-from ibdata.dataset.tabular import Table, Tabular
+from ibdata.dataset.tabular import Table, Tabular, pairs
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -22,6 +22,7 @@ from ibdata.generation.record import warm_up
 from ibdata.generation.target import Mode, TakenError, Target, decide, look
 from ibdata.generation.upload import refuse_overwrite
 from ibdata.generation.workers import divide, refuse_workers
+from ibdata.numerics.naming import counted, size
 from ibdata.system.files import HashingFile
 from ibdata.system.part import Part
 from ibdata.system.processes import available_processors
@@ -39,6 +40,26 @@ class Estimate(Tabular, dict[str, Any]):
         """The names and values, a row for each experiment."""
         rows = self.get("experiments", [self])
         return [Table(list(rows[0]), [list(row.values()) for row in rows])]
+
+    def plain(self) -> dict[str, Any]:
+        """The names and values."""
+        return self
+
+    def __repr__(self) -> str:
+        lines = [
+            f"{run['out']}: {counted(run['rows'], 'row')}, {size(run['bytes'])}, {run['seconds']:.1f} s"
+            for run in self.get("experiments", [])
+        ]
+        workers = counted(self["workers"], "worker")
+        total = [
+            ("out", f"{self['out']} (nothing is written)"),
+            *((name, f"{self[name]:,}") for name in ("episodes", "rows", "shards")),
+            ("bytes", f"{self['bytes']:,} ({size(self['bytes'])}, estimated from a sample)"),
+            ("seconds", f"{self['seconds']:,.1f} with {workers} (estimated from a sample)"),
+        ]
+        if self.get("action"):
+            total.append(("action", self["action"]))
+        return "\n".join([*lines, *([""] if lines else []), pairs(total)])
 
 
 @partial(public, keys=KEYS)
@@ -79,12 +100,7 @@ def estimate(
     for experiment in experiments:
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
     runs = [
-        Estimate(
-            {
-                **_estimate(experiment, place, workers),
-                "action": _action(experiment, place, mode),
-            }
-        )
+        Estimate(_estimate(experiment, place, workers), action=_action(experiment, place, mode))
         for experiment, place in zip(experiments, places_of(config, experiments, out), strict=True)
     ]
     if not is_folder(config):
@@ -111,7 +127,7 @@ def _action(experiment: Experiment, place: Path | str, mode: Mode) -> str | None
 def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> dict[str, Any]:
     spec = DatasetSpec.of(planned)
     with process_for(spec) as process:
-        size, seconds = process.call(_sample)
+        bytes_per_row, seconds = process.call(_sample)
     shards = plan(planned)
     division = divide(spec, shards, workers)
     busy = min(division.processes * division.threads, len(shards), available_processors())
@@ -121,7 +137,7 @@ def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> di
         episodes=len(planned.cells) * planned.episodes,
         rows=planned.rows,
         shards=len(shards),
-        bytes=round(size * planned.rows),
+        bytes=round(bytes_per_row * planned.rows),
         seconds=seconds * planned.rows / busy,
         workers=division.processes,
     )

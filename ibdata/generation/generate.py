@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import DatasetError, UsageError, say
+from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -28,6 +28,7 @@ from ibdata.generation.process import process_for
 from ibdata.generation.record import Record, observe
 from ibdata.generation.target import Action, Mode, Target, damage, decide, refuse_name
 from ibdata.generation.workers import Engine, select_engine
+from ibdata.numerics.naming import counted
 from ibdata.system.part import Part, locked_part
 from ibdata.system.progress import Progress
 from ibdata.system.storage import is_url, local, refuse_url, url_of
@@ -152,7 +153,7 @@ def _generate_one(
     job = Job(Target(place), spec, mode, progress)
     if job.is_there():
         remove_published(job.target)
-        say(f"{place}: already there; nothing was written")
+        notice(f"{place}: already there; nothing was written")
     else:
         job.run(engine)
     return Dataset(place)
@@ -175,6 +176,9 @@ class Range(NamedTuple):
             )
         return cls(int(part), int(parts))
 
+    def __str__(self) -> str:
+        return f"{self.part}/{self.parts}"
+
     def of(self, shards: list[Shard]) -> list[Shard]:
         """The consecutive shards of the range. The sizes of ranges differ by at most one shard."""
         n = len(shards)
@@ -182,12 +186,32 @@ class Range(NamedTuple):
 
 
 class PartMade(NamedTuple):
-    """A finished range: the dataset's folder, shards and rows, and how many shards are still missing."""
+    """A finished range: the dataset's folder, shards and rows, how many shards are missing, and the range."""
 
     folder: Path
     shards: int
     rows: int
     missing: int
+    range: str
+
+    def plain(self) -> dict[str, Any]:
+        """The fields as plain data for JSON."""
+        fields = self._asdict()
+        del fields["folder"], fields["range"]
+        return {**fields, "out": str(self.folder), "range": self.range}
+
+    def __repr__(self) -> str:
+        left = "all shards are complete"
+        if self.missing:
+            left = f"shards that are still missing: {self.missing:,}; when all are complete"
+        lines = [
+            f"{self.folder}: part {self.range} is complete: {counted(self.shards, 'shard')} with "
+            f"{counted(self.rows, 'row')}",
+            f"{left}, run ibdata finalize {self.folder}",
+        ]
+        if not self.shards:
+            lines.append("there are fewer shards than parts; a smaller output.shard_rows makes more")
+        return "\n".join(lines)
 
 
 def make_range(
@@ -209,7 +233,7 @@ def make_range(
                 if job.join() is not Action.OPEN:
                     job.make(process, engine, shards)
                     missing = len(spec.shards) - len(job.part.receipts)
-    return PartMade(place, len(shards), spec.rows_in(shards), missing)
+    return PartMade(place, len(shards), spec.rows_in(shards), missing, str(shard_range))
 
 
 @public

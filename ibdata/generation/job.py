@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError, Interrupted, say
+from ibdata.errors import DatasetError, IbdataError, Interrupted, notice
 from ibdata.experiment import load
 from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -61,7 +61,7 @@ class Job:
         if decide(found, self.mode) is not Action.OPEN:
             return False
         if found.other_code:
-            say(f"{self.target.name}: was made with other code than is here, in {found.other_code}")
+            notice(f"{self.target.name}: was made with other code than is here, in {found.other_code}")
         return True
 
     def run(self, engine: Engine) -> None:
@@ -98,7 +98,7 @@ class Job:
         found = look(self.target, self.spec, self.part, self.record)
         action = decide(found, self.mode)
         if action is Action.DISCARD:
-            say(f"{self.target.name}: the unfinished run {found.run} that was begun here is discarded")
+            notice(f"{self.target.name}: the unfinished run {found.run} that was begun here is discarded")
         if action in (Action.BEGIN, Action.DISCARD):
             self.part.clear()
             self._folder.mkdir()

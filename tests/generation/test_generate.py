@@ -10,7 +10,7 @@ from helpers.folders import contents
 
 import ibdata
 from ibdata import Experiment
-from ibdata.cli.generate import command
+from ibdata.cli.make import generate_command as command
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import suites
 from ibdata.generation.estimate import estimate
