@@ -150,7 +150,7 @@ def test_an_object_that_keeps_the_number_of_episodes_is_refused():
             return self.x
 
     line = r"found actions of shape \(32, 3\), expected actions of shape \(16, 3\)"
-    with pytest.raises(AnswerError, match=line):
+    with pytest.raises(PolicyError, match=line):
         returns(Keeping(), episodes=1)
 
 
