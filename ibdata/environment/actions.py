@@ -18,7 +18,7 @@ def continuous_action(action: Any) -> Action:
     """The three numbers of an action. Raises UsageError if it is none."""
     try:
         dv, dg, dh = map(float, action.tolist() if isinstance(action, np.ndarray) else action)
-        finite = math.isfinite(dv + dg + dh)
+        finite = math.isfinite(dv) and math.isfinite(dg) and math.isfinite(dh)
     except (TypeError, ValueError):
         finite = False
     if not finite:

@@ -101,10 +101,10 @@ def evaluate(
     references: list[int] = []
     if classic:
         played, references = with_references(played, scenario.base)
-    refuse_too_much("episodes", RETURN_BYTES * len(played) * scenario.episodes)
     baselines = [] if against is None else baselines_of(against, scenario, discount, options)
     names = [*policies, *(policy.label for policy in played[len(policies) :])]
     cells = scenario.cells(zip(names, played, strict=True))
+    refuse_too_much("episodes", RETURN_BYTES * len(cells) * scenario.episodes)
     with bar(progress, len(cells) * scenario.episodes * scenario.steps, "steps") as advance:
         everything = play(scenario, cells, discount, advance, options)
 

@@ -25,14 +25,16 @@ from ibdata.simulation.episodes import Ints
 Floats = npt.NDArray[np.float64]
 LEAST_EFFECTIVE = 100.0  # episodes, below which the weighted estimate has a warning
 METHODS = ("weighted", "per decision", "ordinary")
-FARTHEST = 2.0  # from the weighted estimate, in standard errors of another one, which else has a warning
+FARTHEST = 2.0  # standard errors; an estimate farther from the weighted one has a warning
 
 WRONG = 8.0  # errors from 1; if the densities are right, less than one of 1,000 calls goes so far
 LACKING = 4.0  # errors from 1, beyond which the weighted estimate has a warning
 TOLERANCE = 1e-3  # more than float32 changes in the recorded log densities of 1,000 steps
+NONE = (None, None, None)  # no estimate, error or interval
+OVERFLOW = "warning: some weights are larger than any number, so only the weighted estimate is there"
 FEWEST = 100  # episodes that are looked at; fewer have a warning anyway
-# A weight above this share of the episodes has too few like it for a standard error. By π, which no weight of
-# policies that choose among a few actions is a fraction of, so that rounding makes no weight large.
+# A weight above this share of the episodes has too few like it for a standard error. It is divided by π, so
+# that weights of policies with a few actions never equal the bound, where rounding would decide.
 LARGE = 1.0 / (64.0 * math.pi)
 
 
@@ -152,10 +154,10 @@ def importance(
         refuse_changed(stored.manifest.code, objects, stored.name)
         if any(evaluated.form() != behaviour.form() for behaviour in behaviours):
             refuse_remembered_draws(evaluated)
-        for experiment, numbers, places in parts:
-            recorded, rewards[places], log_prob = recorded_in(source, episodes[places], steps)
+        for experiment, numbers, positions in parts:
+            recorded, rewards[positions], log_prob = recorded_in(source, episodes[positions], steps)
             part = log_ratios(experiment, numbers, recorded, log_prob, evaluated, len(episodes) * steps)
-            ratios.recorded[places], ratios.drawn[places] = part
+            ratios.recorded[positions], ratios.drawn[positions] = part
     return of_ratios(evaluated.label, ratios, rewards, discount)
 
 
@@ -178,22 +180,25 @@ def of_ratios(label: str, ratios: Ratios, rewards: Floats, discount: float) -> I
     """The estimates from the ratios and the rewards (episodes, steps)."""
     logs = np.cumsum(ratios.recorded, axis=1)
     greatest = logs.max(axis=0)
-    weights = np.exp(logs)
+    with np.errstate(over="ignore"):
+        weights = np.exp(logs)
     relative = np.exp(logs - np.where(np.isfinite(greatest), greatest, 0.0))  # of long episodes, not all 0
     paid = rewards * discount ** np.arange(rewards.shape[1])
     squares = (relative**2).sum(axis=0)
     effective = np.divide(relative.sum(axis=0) ** 2, squares, out=np.zeros(len(squares)), where=squares > 0.0)
+    is_finite = bool(np.isfinite(weights).all())
     estimates = (
         _weighted(relative, paid),
-        estimate([(weights * paid).sum(axis=1)]),
-        estimate([weights[:, -1] * paid.sum(axis=1)]),
+        estimate([(weights * paid).sum(axis=1)]) if is_finite else NONE,
+        estimate([weights[:, -1] * paid.sum(axis=1)]) if is_finite else NONE,
     )
-    mean, error, _ = estimate([weights[:, -1]])
+    mean, error, _ = estimate([weights[:, -1]]) if is_finite else (math.inf, None, None)
     results = [
         Estimated(method, *values, mean, error, float(effective[-1]))
         for method, values in zip(METHODS, estimates, strict=True)
     ]
     notes = [
+        *([] if is_finite else [OVERFLOW]),
         *_notes_on_effective(effective),
         *notes_on_mean_weights(ratios, weights),
         *_notes_on_distance(*results),
@@ -261,7 +266,8 @@ def notes_on_mean_weights(ratios: Ratios, weights: Floats) -> list[str]:
 
 def _first_far(weights: Floats, errors: float) -> tuple[int, str] | None:
     """The first step whose mean weight is more than so many errors from 1, and how a warning of it begins."""
-    mean, error = weights.mean(axis=0), weights.std(axis=0, ddof=1) / np.sqrt(len(weights))
+    with np.errstate(invalid="ignore"):  # of weights that are infinite
+        mean, error = weights.mean(axis=0), weights.std(axis=0, ddof=1) / np.sqrt(len(weights))
     far = np.abs(mean - 1.0) > errors * error + TOLERANCE
     if not far.any():
         return None

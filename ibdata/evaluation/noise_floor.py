@@ -100,12 +100,12 @@ def noise_floor(
     for batch in selection.iter_batches(names, batch_rows=BATCH_ROWS):
         episodes, steps, p = (batch[x].to_numpy() for x in ("episode", "step", "next_obs_setpoint"))
         actions, laws = stacked_columns(batch, ACTIONS), np.empty((len(p), 3, 2))
-        states = source.visited(episodes, steps, Constant()).state  # any policy that sees nothing
-        for experiment, places, _ in source.by_experiment(episodes):
-            state = states.take(places)
+        states = source.carries_at(episodes, steps, Constant()).state  # any policy that sees nothing
+        for experiment, positions, _ in source.by_experiment(episodes):
+            state = states.take(positions)
             if experiment.drifting:
-                state = state.replace(setpoint=p[places], drift_left=np.full(len(places), NO_DRIFT))
-            laws[places] = _law(state, actions[places], experiment.variant)
+                state = state.replace(setpoint=p[positions], drift_left=np.full(len(positions), NO_DRIFT))
+            laws[positions] = _law(state, actions[positions], experiment.variant)
         moments.append(laws)
     mean, deviation, absolute = np.moveaxis(np.concatenate(moments), 1, 0)
     errors = zip(QUANTITIES, np.sqrt((deviation**2).mean(axis=0)), absolute.mean(axis=0), strict=True)

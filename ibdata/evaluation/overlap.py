@@ -37,7 +37,7 @@ class Part(NamedTuple):
 
     experiment: Experiment
     numbers: Ints  # of the episodes in the experiment
-    places: Ints  # of the episodes among all
+    positions: Ints  # of the episodes among all
 
     @property
     def behaviour(self) -> Policy:
@@ -49,12 +49,12 @@ class Part(NamedTuple):
 def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
     """Divide episodes (n,) into parts of bounded memory, those of a policy alike in size."""
     most = max(1, PART_ROWS // steps)
-    for experiment, places, numbers in source.by_experiment(episodes):
+    for experiment, positions, numbers in source.by_experiment(episodes):
         per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
         for policy in np.unique(numbers // per_policy):
             same = np.flatnonzero(numbers // per_policy == policy)
             for some in np.array_split(same, -(-len(same) // most)):
-                yield Part(experiment, numbers[some], places[some])
+                yield Part(experiment, numbers[some], positions[some])
 
 
 def recorded_in(source: Source, episodes: Ints, steps: int) -> tuple[Recorded, Floats, Floats]:
@@ -127,7 +127,7 @@ def log_ratios(
 def _refuse_lack(
     target: str, behaviour: str, actions: Float32s, never: Bools, rare: Bools, rows: int
 ) -> None:
-    """Raise UsageError if the behaviour never takes too many actions of the target, or point masses rarely.
+    """Raise UsageError if the behaviour cannot take, or hardly ever takes, too many actions of the target.
 
     A point mass is rare if the target takes it more than `rows` times as often: so many rows have it less
     than once.

@@ -127,8 +127,17 @@ def _paired(scenario: Scenario, cell: Cell, number: int, index: Ints) -> Episode
     keys, policy_keys = (
         np.tile(stream_key(scenario.seed, digest), (len(index), 1)) for digest in _digests(cell)
     )
-    setpoint, shown = np.full(len(index), cell.setpoint), number * scenario.episodes + index
-    return Episodes(scenario.world, cell.policy, cell.label, keys, policy_keys, index, setpoint, shown)
+    setpoint, number_in_messages = np.full(len(index), cell.setpoint), number * scenario.episodes + index
+    return Episodes(
+        scenario.world,
+        cell.policy,
+        cell.label,
+        keys=keys,
+        policy_keys=policy_keys,
+        index=index,
+        setpoint=setpoint,
+        number=number_in_messages,
+    )
 
 
 def _digests(cell: Cell) -> tuple[bytes, bytes]:

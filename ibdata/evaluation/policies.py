@@ -20,7 +20,7 @@ from ibdata.policies.code import two_places
 from ibdata.policies.custom import TARGET, Custom
 from ibdata.policies.live import Live
 from ibdata.policies.purity import refuse_impure
-from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_needs
+from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_needs, refuse_shared
 from ibdata.policies.weights_file import SUFFIX
 from ibdata.views.options import PLAIN, ViewOptions
 
@@ -162,10 +162,11 @@ def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
 
 @contextmanager
 def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bool = True) -> Iterator[None]:
-    """A context in which custom policies are loaded, and code of a user is pure. Modules are those of Python.
+    """A context in which the objects of these policies are loaded and known to be pure.
 
-    Objects see so many `columns` of an observation. At the end it `says` on stderr what may be wrong with
-    them. Raises PolicyError for a policy that remembers or draws in secret.
+    Objects see so many `columns` of an observation. At the end they are forgotten, the modules of Python are
+    not, and it `says` on stderr what may be wrong with them. Raises PolicyError for a policy that remembers
+    or draws in secret.
     """
     policies = list(policies)
     for policy in policies:
@@ -173,6 +174,8 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
             refuse_impure(policy, exact=False)
     objects = [part for policy in policies for part in user_objects_in(policy)]
     try:
+        for policy in policies:
+            refuse_shared(policy)
         for part in objects:
             part.check_once(columns if isinstance(part, Live) and part in policies else len(OBSERVATION))
         yield

@@ -153,22 +153,30 @@ def _scores(
     horizon: int, mean: Floats, deviation: Floats | None, after: Floats, floor: NoiseFloor, rows: Ints
 ) -> list[ModelScore]:
     """The scores of predictions (n, 2) of what followed (n, 2) at the rows (n,) of the floor."""
-    errors, spread = mean - after, floor.deviation[rows]
-    columns = [
-        np.sqrt((errors**2).mean(axis=0)),
-        np.sqrt((spread**2).mean(axis=0)),
-        np.abs(errors).mean(axis=0),
-        floor.absolute[rows].mean(axis=0),
-        *[np.full(2, np.nan)] * 2,
-    ]
+    errors, spread, absolute = mean - after, floor.deviation[rows], floor.absolute[rows]
+    likelihood = floor_likelihood = np.full(2, np.nan)
     if horizon == 1:
-        columns[5] = _log_density(1.0, spread)
+        floor_likelihood = _log_density(1.0, spread)
         if deviation is not None:
-            columns[4] = _log_density((errors / deviation) ** 2, deviation)
+            likelihood = _log_density((errors / deviation) ** 2, deviation)
     return [
-        ModelScore(horizon, name, *(float(x) if np.isfinite(x) else None for x in values))  # type: ignore[arg-type]  # the six of `columns`
-        for name, *values in zip(QUANTITIES, *columns, strict=True)
+        ModelScore(
+            steps=horizon,
+            quantity=name,
+            root_mean_square_error=float(np.sqrt((errors[:, i] ** 2).mean())),
+            floor_root_mean_square_error=float(np.sqrt((spread[:, i] ** 2).mean())),
+            mean_absolute_error=float(np.abs(errors[:, i]).mean()),
+            floor_mean_absolute_error=float(absolute[:, i].mean()),
+            log_likelihood=_number(likelihood[i]),
+            floor_log_likelihood=_number(floor_likelihood[i]),
+        )
+        for i, name in enumerate(QUANTITIES)
     ]
+
+
+def _number(x: float) -> float | None:
+    """A finite number, else None."""
+    return float(x) if np.isfinite(x) else None
 
 
 def _log_density(squares: Floats | float, deviation: Floats) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,13 +40,13 @@ class Addresses:
         return within("episode", numbers, len(self.lengths))
 
     def by_experiment(self, episodes: Ints) -> Iterator[tuple[Experiment, Ints, Ints]]:
-        """Group episodes (n,): yield an experiment, the places of its episodes, and their numbers in it."""
+        """Group episodes (n,): yield an experiment, and the positions and numbers in it of its episodes."""
         shards = [self._spec.shards[i] for i in self.shards[episodes].tolist()]
         experiments = np.array([shard.experiment for shard in shards])
         offsets = np.array([shard.offset for shard in shards])
         for i in np.unique(experiments).tolist():
-            places = np.flatnonzero(experiments == i)
-            yield self._spec.experiments[i], places, episodes[places] - offsets[places]
+            positions = np.flatnonzero(experiments == i)
+            yield self._spec.experiments[i], positions, episodes[positions] - offsets[positions]
 
 
 BATCH_ROWS = 65_536
@@ -75,7 +75,25 @@ def state_at(ds: Place, rows: Any) -> State:
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
     source = Source(opened(ds).stored)
-    return source.visited(*source.places(rows), Constant()).state  # any policy that sees nothing
+    episodes, steps = source.episodes_and_steps(rows)
+    return source.carries_at(episodes, steps, Constant()).state  # any policy that sees nothing
+
+
+class Batch(NamedTuple):
+    """m episodes of an experiment, and n rows of them that are wanted."""
+
+    experiment: Experiment
+    numbers: Ints  # (m,) of the episodes in the experiment
+    episodes: Ints  # (m,) their numbers in the dataset
+    lanes: Ints  # (n,) the position of each row's episode among the m
+    steps: Ints  # (n,) of the rows
+
+    @property
+    def counts(self) -> Ints:
+        """How many steps of each episode there are up to its last wanted row, (m,)."""
+        counts = np.zeros(len(self.episodes), dtype=np.int64)
+        np.maximum.at(counts, self.lanes, self.steps + 1)
+        return counts
 
 
 class Source(Addresses):
@@ -85,7 +103,7 @@ class Source(Addresses):
         self.stored = stored
         super().__init__(stored, spec)
 
-    def places(self, rows: Any) -> tuple[Ints, Ints]:
+    def episodes_and_steps(self, rows: Any) -> tuple[Ints, Ints]:
         """Episodes and steps (n,) of rows as `state_at` takes them. Raises UsageError if there is none."""
         if isinstance(rows, Mapping) or hasattr(rows, "columns"):
             try:
@@ -119,45 +137,42 @@ class Source(Addresses):
             )
         return episodes, steps
 
-    def visited(self, episodes: Ints, steps: Ints, policy: Policy) -> Carry:
-        """Simulate rows (n,) again, which a policy watches; DatasetError if they differ from the stored."""
+    def carries_at(self, episodes: Ints, steps: Ints, policy: Policy) -> Carry:
+        """Simulate up to rows (n,), which a policy watches; DatasetError if they differ from the stored."""
         out = Carry.at(State.zeros(len(episodes)), policy.needs)
         different = np.unique(episodes)
-        for experiment, places, numbers in self.by_experiment(different):
-            most = max(1, PART_ROWS // (int(steps.max()) + 1))
-            for i in range(0, len(places), most):
-                batch = different[places[i : i + most]]
-                rows = np.flatnonzero(np.isin(episodes, batch))
-                lanes = np.searchsorted(batch, episodes[rows])
-                batch_numbers = numbers[i : i + most]
-                out.put(rows, self._simulated(experiment, batch_numbers, policy, batch, lanes, steps[rows]))
+        most = max(1, PART_ROWS // (int(steps.max()) + 1))
+        for experiment, positions, numbers in self.by_experiment(different):
+            for i in range(0, len(positions), most):
+                batch_episodes = different[positions[i : i + most]]
+                rows = np.flatnonzero(np.isin(episodes, batch_episodes))
+                lanes = np.searchsorted(batch_episodes, episodes[rows])
+                batch = Batch(experiment, numbers[i : i + most], batch_episodes, lanes, steps[rows])
+                out.put(rows, self._compared(batch, policy))
         return out
 
-    def _simulated(
-        self, experiment: Experiment, numbers: Ints, policy: Policy, episodes: Ints, lanes: Ints, steps: Ints
-    ) -> Carry:
-        """Simulate some rows of these episodes, by the places of their episodes, and compare them."""
-        counts = np.zeros(len(episodes), dtype=np.int64)
-        np.maximum.at(counts, lanes, steps + 1)
-        places = layout(experiment)
-        names = [name for i, name in enumerate(places.names) if i != places.log_prob]
-        stored = self.columns(names, episodes, counts, np.dtype(experiment.output.dtype))
-        actions = stored[places.first_action : places.first_action + 3].transpose(2, 1, 0)
-        for row, lane, _ in np.argwhere(~(np.abs(actions) <= 1.0))[:1].tolist():
+    def _compared(self, batch: Batch, policy: Policy) -> Carry:
+        """Simulate up to the rows of a batch, and compare them with the stored ones."""
+        columns, counts = layout(batch.experiment), batch.counts
+        names = [name for i, name in enumerate(columns.names) if i != columns.log_prob]
+        stored = self.columns(names, batch.episodes, counts, np.dtype(batch.experiment.output.dtype))
+        actions = stored[columns.first_action : columns.first_action + 3].transpose(2, 1, 0)
+        invalid = ~(np.abs(actions) <= 1.0)
+        if invalid.any():
+            step, lane, _ = np.argwhere(invalid)[0]
             raise DatasetError(
-                f"{self.stored.name}: episode {episodes[lane]}: step {row}: found the action "
-                f"{actions[row, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
+                f"{self.stored.name}: episode {batch.episodes[lane]}: step {step}: found the action "
+                f"{actions[step, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
             )
-        actions = np.ascontiguousarray(actions, dtype=np.float32)
-        carry, table = revisit(experiment, numbers, policy, episodes, actions, lanes, steps)
-        simulated = np.delete(table, places.log_prob, axis=0).reshape(stored.shape)
+        carry, table = revisit(batch, policy, np.ascontiguousarray(actions, dtype=np.float32))
+        simulated = np.delete(table, columns.log_prob, axis=0).reshape(stored.shape)
         differing = (stored != simulated) & (np.arange(len(actions)) < counts[:, None])
-        for lane, row, column in np.argwhere(differing.transpose(1, 2, 0))[:1].tolist():
-            stored_value, expected = (float(x[column, lane, row]) for x in (stored, simulated))
-            address = f"{self.stored.name}: episode {episodes[lane]}: step {row}: {names[column]}"
+        if differing.any():
+            lane, step, column = np.argwhere(differing.transpose(1, 2, 0))[0]
+            found, expected = (float(values[column, lane, step]) for values in (stored, simulated))
             raise DatasetError(
-                f"{address}: found {stored_value!r}, "
-                f"expected {expected!r}, which the simulation gives; see ibdata validate"
+                f"{self.stored.name}: episode {batch.episodes[lane]}: step {step}: {names[column]}: found "
+                f"{found!r}, expected {expected!r}, which the simulation gives; see ibdata validate"
             )
         return carry
 
@@ -178,40 +193,28 @@ class Source(Addresses):
         return out
 
 
-def revisit(
-    experiment: Experiment,
-    numbers: Ints,
-    policy: Policy,
-    shown: Ints,
-    actions: Float32s,
-    lanes: Ints,
-    steps: Ints,
-) -> tuple[Carry, Table]:
+def revisit(batch: Batch, policy: Policy, actions: Float32s) -> tuple[Carry, Table]:
     """Play the recorded actions of episodes, side by side, which a policy watches.
 
     A policy with a memory is asked at every step, with the random numbers of the episode's own policy. So if
     it is that policy, it remembers what it remembered then.
 
     Args:
-        experiment: the experiment.
-        numbers: the numbers (m,) of the episodes in it.
+        batch: the episodes, and the rows that are wanted.
         policy: the policy that watches.
-        shown: the numbers (m,) of the episodes in messages.
-        actions: the recorded actions (rows, m, 3).
-        lanes: the places (n,) of the episodes of wanted rows among the m.
-        steps: the steps (n,) of wanted rows.
+        actions: the recorded actions (steps, m, 3).
 
     Returns:
-        Where the episodes are before the wanted rows (n,), and the columns of all rows (columns, m · rows),
+        Where the episodes are before the wanted rows (n,), and the columns of all rows (columns, m · steps),
         in the order of `rollout`; the column of log densities is 0.
     """
-    episodes = episodes_of(experiment, numbers).played_by(policy, number=shown)
-    rows, places = len(actions), layout(experiment)
-    table = np.empty((len(places.names), len(episodes) * rows), dtype=experiment.output.dtype)
+    episodes = episodes_of(batch.experiment, batch.numbers).played_by(policy, number=batch.episodes)
+    steps, columns = len(actions), layout(batch.experiment)
+    table = np.empty((len(columns.names), len(episodes) * steps), dtype=batch.experiment.output.dtype)
     carry = begin(episodes)
-    before_rows = carry.take(lanes)  # of the right shape; those at later steps follow
-    for block in unroll(episodes, carry, places.rows, rows, recorded=actions, stops=steps.tolist()):
-        write_columns(block, places, table, 0, rows)
-        here = np.flatnonzero(steps == block.stop)
-        before_rows.put(here, carry.take(lanes[here]))
+    before_rows = carry.take(batch.lanes)  # of the right shape; those at later steps follow
+    for block in unroll(episodes, carry, columns.rows, steps, recorded=actions, stops=batch.steps.tolist()):
+        write_columns(block, columns, table, 0, steps)
+        here = np.flatnonzero(batch.steps == block.stop)
+        before_rows.put(here, carry.take(batch.lanes[here]))
     return before_rows, table

@@ -30,12 +30,18 @@ from ibdata.system.memory import refuse_too_much
 
 
 def branches_at(
-    seed: int, experiment: Experiment, policy: Policy, numbers: Ints, steps: Ints, shown: Ints, carry: Carry
+    seed: int,
+    experiment: Experiment,
+    policy: Policy,
+    numbers: Ints,
+    steps: Ints,
+    episodes: Ints,
+    carry: Carry,
 ) -> Episodes:
     """Episodes in which a policy acts from rows (n,) on, each with random numbers of its own.
 
-    Their addresses are made from that of the row, its episode in the experiment and its step, and with the
-    label "branch", which no cell and no evaluation has. The policy is in its own addresses only.
+    An address is the digest of the label "branch", which no cell and no evaluation has, and of the seed, the
+    cell, the index and the step of the row; that of the policy's random numbers is also of the policy.
     """
     keys: list[Raw] = []
     policy_keys: list[Raw] = []
@@ -49,11 +55,11 @@ def branches_at(
         experiment.scenario.world,
         policy,
         policy.label,
-        np.array(keys),
-        np.array(policy_keys),
-        np.zeros_like(numbers),
-        carry.state.setpoint,
-        shown,
+        keys=np.array(keys),
+        policy_keys=np.array(policy_keys),
+        index=np.zeros_like(numbers),
+        setpoint=carry.state.setpoint,
+        number=episodes,
     )
 
 
@@ -193,20 +199,20 @@ def true_values(
     if len(policies) != 1:
         raise UsageError(f"policy: found {len(policies)} policies, expected one policy")
     [acting] = policies
-    numbers, times = source.places(rows)
+    numbers, times = source.episodes_and_steps(rows)
     first = None if actions is None else _applied(actions, len(numbers))
     refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
     settings = scenario_of(steps=steps, episodes=episodes, seed=seed)
     returns = np.empty((len(numbers), settings.episodes))
     with loaded([acting]):
-        begun = source.visited(numbers, times, acting)
-        for experiment, places, inner in source.by_experiment(numbers):
-            carry, step = begun.take(places), times[places]
-            returns[places] = branch_returns(
-                branches_at(settings.seed, experiment, acting, inner, step, numbers[places], carry),
+        begun = source.carries_at(numbers, times, acting)
+        for experiment, positions, inner in source.by_experiment(numbers):
+            carry, step = begun.take(positions), times[positions]
+            returns[positions] = branch_returns(
+                branches_at(settings.seed, experiment, acting, inner, step, numbers[positions], carry),
                 carry,
                 step,
-                None if first is None else first[places],
+                None if first is None else first[positions],
                 steps=settings.steps,
                 branches=settings.episodes,
                 discount=discount,

@@ -34,7 +34,7 @@ class Columns(NamedTuple):
     clipped: int  # number of actions that were clipped
 
 
-class Memory:
+class TableBuffer:
     """The memory of one table. All calls of `rollout` in a thread share it."""
 
     def __init__(self) -> None:
@@ -48,14 +48,14 @@ class Memory:
         return self._bytes[:size].view(dtype).reshape(shape)
 
 
-def rollout(experiment: Experiment, first: int, stop: int, memory: Memory | None = None) -> Columns:
+def rollout(experiment: Experiment, first: int, stop: int, memory: TableBuffer | None = None) -> Columns:
     """Simulate episodes first … stop - 1 of a dataset into a table in the given memory.
 
     Raises PolicyError for an action that is not valid. It names policy, episode and step.
     """
     float_layout, steps = layout(experiment), experiment.steps
     shape = (len(float_layout.names), (stop - first) * steps)
-    table = (memory or Memory()).table(shape, experiment.output.dtype)
+    table = (memory or TableBuffer()).table(shape, experiment.output.dtype)
     clipped = 0
     for start, end in blocks(experiment, first, stop):
         episodes = episodes_of(experiment, np.arange(start, end))
@@ -92,7 +92,16 @@ def episodes_of(experiment: Experiment, numbers: Ints) -> Episodes:
     keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[cell_indices]
     setpoints = np.array([cell.setpoint for cell in cells])[cell_indices]
     policy, label = cells[0].policy, cells[0].label
-    return Episodes(experiment.scenario.world, policy, label, keys, keys, indices, setpoints, numbers)
+    return Episodes(
+        experiment.scenario.world,
+        policy,
+        label,
+        keys=keys,
+        policy_keys=keys,
+        index=indices,
+        setpoint=setpoints,
+        number=numbers,
+    )
 
 
 def cells_of(experiment: Experiment, numbers: Ints) -> tuple[list[Cell], Ints, Ints]:

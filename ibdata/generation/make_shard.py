@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.rollout import Memory
+from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation import receipt
 from ibdata.generation.worker import Tell
 from ibdata.writing.shard_writer import shard_writer, writing_threads
@@ -18,7 +18,7 @@ class _Own(threading.local):
     """What a thread keeps from one shard to the next."""
 
     def __init__(self) -> None:
-        self.memory = Memory()
+        self.memory = TableBuffer()
 
 
 _own = _Own()

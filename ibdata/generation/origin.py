@@ -18,6 +18,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.scenario import other_dynamics
 from ibdata.generation.warm_up import known_answer, play_user_objects, warm_up
 from ibdata.policies.live import LIVE
+from ibdata.policies.user_object import refuse_shared
 from ibdata.system.files import plain_bytes, write, write_new
 from ibdata.system.part import NOTE
 from ibdata.writing.metadata import as_json
@@ -70,6 +71,9 @@ def _code(spec: DatasetSpec) -> list[Code]:
     policies = user_objects(spec)
     for policy in policies:
         policy.check_once()
+    for experiment in spec.experiments:
+        for acting in experiment.policies:
+            refuse_shared(acting)
     for experiment in spec.experiments:
         warm_up(experiment)
     return record(policies)

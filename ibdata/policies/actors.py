@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError
+from ibdata.policies.libraries import evaluating
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
 DRAWN_BEFORE_TANH = ("SAC", "CQL", "CalQL")  # algorithms of d3rlpy
@@ -38,12 +39,8 @@ def actor_of(model: Any) -> Actor:
     *hidden, last = hidden if tanh else [*hidden, last]
 
     def actions(inputs: npt.NDArray[np.float32]) -> Any:
-        training = model.training
-        model.train(False)  # without dropout
-        try:
+        with evaluating(model):
             return model(last.weight.new_tensor(inputs)).detach().cpu().numpy()
-        finally:
-            model.train(training)
 
     return Actor(hidden, last, "tanh" if tanh else "clip", actions)
 

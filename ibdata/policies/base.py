@@ -156,6 +156,11 @@ class Policy(FrozenModel):
         return self.name or self.kind
 
     @property
+    def remembers(self) -> bool:
+        """Whether it keeps something between steps beside its memory, so that it is asked step by step."""
+        return False
+
+    @property
     def code_target(self) -> str | None:
         """The `package.module:name` of foreign code, which runs only if the user allows it; else None."""
         return None

@@ -75,7 +75,7 @@ class Safe(Policy):
 class Steered(Distribution):
     """The distribution of `Safe`: z in velocity and gain where they are steered, else u.
 
-    A number of an action takes one of two draws of its own, so that it is no `OrUniform`.
+    Each number of an action has its own choice of two draws; `OrUniform` replaces whole actions.
     """
 
     draws = 5

@@ -128,7 +128,7 @@ def distribution_of(policy: Policy, observed: Observed) -> tuple[Distribution, A
     return (action if is_own else OfUser(action)), memory
 
 
-class Checked(NamedTuple):
+class CheckedPolicy(NamedTuple):
     """A policy whose answers about n episodes are checked.
 
     A policy that sees and remembers nothing may act for several steps at once; the rows are then those of all
@@ -166,7 +166,7 @@ class Checked(NamedTuple):
             raise self._located(error, observed) from error
         return clipped, memory
 
-    def answer(self, observed: Observed, question: Callable[[Distribution], T]) -> tuple[T, Floats]:
+    def ask(self, observed: Observed, question: Callable[[Distribution], T]) -> tuple[T, Floats]:
         """The answer to a question about the policy's distribution, and the memory. Raises PolicyError."""
         try:
             distribution, memory = self.distribution(observed)

@@ -162,7 +162,7 @@ class Choice(Policy):
 
     @property
     def needs(self) -> Needs:
-        """As much as the policy needs that needs most, random numbers of an episode for each, and its own."""
+        """The most that one of the policies needs; of an episode's random numbers the sum; and its own."""
         choice, needs = self.own_needs, [policy.needs for policy in self.inner]
         return Needs(
             history=max(n.history for n in needs),

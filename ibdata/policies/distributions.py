@@ -33,7 +33,9 @@ CLIP_EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
 
 
 class Distribution(ABC):
-    """The distribution of the actions of n episodes at one step. It never depends on the step's own draws.
+    """The distribution of the actions of n episodes at one step.
+
+    It must not depend on `observed.uniforms`, of which `sample` makes the actions: elsewhere they are 0.
 
     Attributes:
         draws: How many uniform random numbers a sample of one action takes.
@@ -94,7 +96,7 @@ class Certain(Plain):
 
 
 class Unknown(Plain):
-    """Actions that were drawn from a distribution that nobody states."""
+    """Actions of an unknown distribution: their density is NaN."""
 
     def log_density(self, action: Float32s) -> Floats:
         return np.full(len(action), np.nan)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from itertools import chain
 from typing import Any
@@ -60,18 +61,24 @@ def module_call(module: Any) -> Callable[[Float32s], Any]:
     torch = sys.modules["torch"]
 
     def call(observations: Float32s) -> Any:
-        training = [part for part in module.modules() if part.training]
         tensor = next(chain(module.parameters(), module.buffers()), None)
         device = "cpu" if tensor is None else tensor.device
-        module.train(False)
-        try:
-            with torch.no_grad():
-                return module(torch.from_numpy(observations).to(device))
-        finally:
-            for part in training:
-                part.training = True
+        with evaluating(module), torch.no_grad():
+            return module(torch.from_numpy(observations).to(device))
 
     return call
+
+
+@contextmanager
+def evaluating(module: Any) -> Iterator[None]:
+    """A context in which a torch module is in evaluation mode, for instance without dropout."""
+    training = [part for part in module.modules() if part.training]
+    module.train(False)
+    try:
+        yield
+    finally:
+        for part in training:
+            part.training = True
 
 
 def normalized(target: Any, call: Callable[..., Any]) -> Callable[..., Any]:

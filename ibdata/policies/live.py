@@ -30,8 +30,8 @@ _held_by_run: WeakValueDictionary[str, Held] = WeakValueDictionary()
 class Live(UserObject):
     """Acts through an object of a Python session, and in that session only.
 
-    Python makes it of a function, a torch module or any other object among the policies. So nobody can make
-    the dataset again.
+    Python makes it of a function, a torch module or any other object among the policies. Its code is not
+    recorded, so nobody can make the dataset again.
     """
 
     kind: Literal["live"] = "live"

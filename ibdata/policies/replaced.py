@@ -107,21 +107,21 @@ def log_share(x: float) -> float:
 
 
 @compiled
-def _log_or_uniform(base: Floats, certain: Bools, action: Float32s, epsilon: Floats) -> Floats:
-    """The log densities (n,) of a base's actions that U(-1, 1)³ replaces with probability ε; NaN stays.
+def _log_or_uniform(base: Floats, certain: Bools, action: Float32s, shares: Floats) -> Floats:
+    """The log densities (n,) of a base's actions that U(-1, 1)³ replaces with a probability; NaN stays.
 
-        log((1 - ε) b + ε u), with the densities b of the base and u of U(-1, 1)³
+        log((1 - share) b + share u), with the densities b of the base and u of U(-1, 1)³
 
-    Where the base is certain of the whole action, u has no mass there, and the result is log((1 - ε) b).
+    Where the base is certain of the whole action, u has no mass there, and the result is log((1 - share) b).
     """
     out = np.empty(base.shape[0])
     share, log_kept, log_random = -1.0, 0.0, 0.0
     for i in range(out.shape[0]):
         out[i] = base[i]
-        if np.isnan(base[i]) or epsilon[i] == 0.0:
+        if np.isnan(base[i]) or shares[i] == 0.0:
             continue
-        if epsilon[i] != share:
-            share, log_kept, log_random = epsilon[i], log_share(1.0 - epsilon[i]), log(epsilon[i])
+        if shares[i] != share:
+            share, log_kept, log_random = shares[i], log_share(1.0 - shares[i]), log(shares[i])
         a, b = log_kept + base[i], log_random + log_uniform(action, i)
         inside = min(abs(action[i, 0]), abs(action[i, 1]), abs(action[i, 2])) < 1.0
         if certain[i] and inside and share < 1.0:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, PrivateAttr, model_validator
 
-from ibdata.errors import IbdataError, PolicyError
+from ibdata.errors import IbdataError, PolicyError, UsageError
 from ibdata.policies.base import OBSERVATION, Decision, Floats, Needs, Observed, Policy, Steps
 from ibdata.policies.checked import AnswerError, actions, decision, distribution_of, numbers
 from ibdata.policies.code import apart_from_results, error_line
@@ -96,7 +96,7 @@ class UserObject(Policy):
 
     @property
     def remembers(self) -> bool:
-        """Whether the object keeps something for the next step beside its memory, so that order matters."""
+        """Whether it has `reset`, or takes the `state` that it returned at the step before."""
         return self._reset is not None or "state" in self._keywords
 
     def decide(self, observed: Observed) -> Decision:
@@ -105,9 +105,9 @@ class UserObject(Policy):
         before: Answer | None = self.__dict__.get("_last")
         if self.remembers and not begins and not (before and np.array_equal(observed.step, before.step + 1)):
             raise PolicyError(
-                f"policy {self.label}: found a question about step {observed.step[0]}, expected the steps "
-                "of the same episodes in order from step 0, because the object remembers them; only a "
-                "policy with decide may begin at any step"
+                f"policy {self.label}: found an object that remembers, asked about step {observed.step[0]}, "
+                "expected the steps of the same episodes one by one from step 0; only a policy with decide "
+                "and memory may begin at any step"
             )
         answer = self._answer(observed, None if begins or before is None else before.state)
         self.__dict__["_last"] = answer if self.remembers else None
@@ -183,6 +183,8 @@ class UserObject(Policy):
             answer = self._predicted(observed, state)
             if "state" in self._keywords and isinstance(answer, tuple) and len(answer) > 1:
                 next_state = answer[1]
+        if isinstance(answer, tuple) and len(answer) > 2:
+            raise AnswerError(f"found a tuple of {len(answer)}, expected actions, or actions and a state")
         if isinstance(answer, tuple) and answer:
             answer = answer[0]
         plain = actions(answer, len(observed.step)).copy()
@@ -249,8 +251,25 @@ def has_method(target: Any) -> bool:
 
 
 def has_needs(target: Any) -> bool:
-    """Whether an object says itself what it needs."""
-    return isinstance(getattr(target, "needs", None), Needs)
+    """Whether an object says itself what it needs. Raises UsageError for `needs` of another type."""
+    needs = getattr(target, "needs", None)
+    if needs is not None and not isinstance(needs, Needs):
+        found = "a method" if callable(needs) else repr(needs)
+        raise UsageError(
+            f"{type(target).__name__}.needs: found {found}, expected an attribute or a property that is a "
+            "Needs(history, step_draws, episode_draws, memory) of ibdata.policies"
+        )
+    return needs is not None
+
+
+def refuse_shared(policy: Policy) -> None:
+    """Raise PolicyError for a policy in which an object that remembers acts in two places."""
+    parts = [part for part in policy.everywhere() if isinstance(part, UserObject) and part.remembers]
+    if len({id(part.adapted) for part in parts}) < len(parts):
+        raise PolicyError(
+            f"policy {policy.label}: found {parts[0].code_target} in two places, expected an object for "
+            "each, because it remembers the episodes in which it acts"
+        )
 
 
 def needs_of(target: Any, history: int = 1, step_draws: int = 0) -> Needs:

@@ -1,1 +1,1 @@
-"""Episodes side by side: a `Carry` says where they are, `unroll` plays them, `replay` asks about recorded."""
+"""Episodes side by side: `Carry` says where they are, `unroll` plays, `replay` asks about recorded ones."""

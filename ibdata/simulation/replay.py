@@ -11,7 +11,7 @@ import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ibdata.policies import Observed
-from ibdata.policies.checked import Checked
+from ibdata.policies.checked import CheckedPolicy
 from ibdata.policies.distributions import Distribution
 from ibdata.simulation.carry import begin
 from ibdata.simulation.episodes import Episodes, Float32s
@@ -48,7 +48,7 @@ def replay(
         PolicyError: the policy returned no valid decision.
     """
     carry, needs = begin(episodes), episodes.policy.needs
-    policy = Checked(episodes.policy, episodes.label, episodes.number)
+    policy = CheckedPolicy(episodes.policy, episodes.label, episodes.number)
     seen = actions_before = np.empty((*actions.shape[:2], 0, 6), dtype=np.float32)
     if needs.history:
         seen = _windows(carry.observations[:, 1:], observations, needs.history)
@@ -64,7 +64,7 @@ def replay(
             np.zeros((n * steps, 0)),
         )
         of_rows = [_rows(array) for array in arrays]
-        answers, _ = policy.answer(everything, partial(_ask, question=question, arrays=of_rows))
+        answers, _ = policy.ask(everything, partial(_ask, question=question, arrays=of_rows))
         return tuple(answer.reshape(n, steps, *answer.shape[1:]) for answer in answers)
     of_steps = []
     for first in range(0, steps, BLOCK):
@@ -72,7 +72,7 @@ def replay(
             recorded = simulated._replace(observations=_at_step(seen, t), actions=_at_step(actions_before, t))
             of_step = [_at_step(array, t) for array in arrays]
             asked = partial(_ask, question=question, arrays=of_step)
-            answers, carry.memory = policy.answer(recorded, asked)
+            answers, carry.memory = policy.ask(recorded, asked)
             of_steps.append(answers)
     return tuple(np.stack(answers, axis=1) for answers in zip(*of_steps, strict=True))
 

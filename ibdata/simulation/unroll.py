@@ -16,7 +16,7 @@ import numpy as np
 from ibdata.numerics.random import Purpose
 from ibdata.policies import Observed
 from ibdata.policies.actions import read_only
-from ibdata.policies.checked import Checked
+from ibdata.policies.checked import CheckedPolicy
 from ibdata.simulation.carry import Carry
 from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
 
@@ -58,12 +58,13 @@ def unroll(
         carry: where they are. It is advanced in place, so it says where they are after each block.
         rows: the variables to record, as rows of a state.
         steps: the number of steps.
-        recorded: actions (k, n, 3) that are taken at the first k steps. There a policy is only asked if it
-            remembers something, for its memory.
-        first_step: the steps (n,) that the policy is told first, where episodes do not begin at their start.
+        recorded: actions (k, n, 3) that are played at the first k steps. There a policy is asked only if it
+            remembers something, so that its memory advances; its own actions are not played.
+        first_step: the number (n,) of the step at which each episode goes on, which the policy is told.
         stops: steps at which a block ends.
         observe: changes what the policy is given, or None.
-        densities: whether the log densities of the policy's actions are wanted.
+        densities: whether the log densities of the policy's actions are wanted, also where they are not
+            played.
 
     Yields:
         Blocks of steps in order.
@@ -72,28 +73,28 @@ def unroll(
         PolicyError: the policy returned no valid action.
     """
     n, world, needs = len(episodes), episodes.world, episodes.policy.needs
-    policy = Checked(episodes.policy, episodes.label, episodes.number)
-    taken = 0 if recorded is None else len(recorded)
+    policy = CheckedPolicy(episodes.policy, episodes.label, episodes.number)
+    recorded_steps = 0 if recorded is None else len(recorded)
     record = np.empty((len(rows), min(BLOCK, steps) + 1, n))
     parts = episodes.policy.everywhere()
-    remembers = needs.memory > 0 or any(getattr(part, "remembers", False) for part in parts)
-    actions, chosen = np.empty((2, min(BLOCK, steps), n, 3), dtype=np.float32)
+    remembers = needs.memory > 0 or any(part.remembers for part in parts)
+    actions, unplayed = np.empty((2, min(BLOCK, steps), n, 3), dtype=np.float32)
     log_density = np.zeros(actions.shape[:2])
     record[:, 0] = carry.state.values[rows] + 0.0
-    for first, stop in pairwise(sorted({*range(0, steps, BLOCK), steps, *stops, min(taken, steps)})):
+    for first, stop in pairwise(sorted({*range(0, steps, BLOCK), steps, *stops, min(recorded_steps, steps)})):
         count, clipped = stop - first, 0
-        is_recorded = first < taken
+        is_recorded = first < recorded_steps
         is_asked = not is_recorded or remembers
-        span = count if not is_asked else asked_together(episodes, count)
+        together = count if not is_asked else asked_together(episodes, count)
         if recorded is not None and is_recorded:
             actions[:count] = recorded[first:stop]
         raw, drift = world.integers(episodes.draw, episodes.lanes, first + 1, count)
         questions = observed(episodes, carry, first, count, first_step)
-        for t in range(0, count, span):
-            part = slice(t, t + span)
+        for t in range(0, count, together):
+            part = slice(t, t + together)
             if is_asked:
                 seen = next(questions) if observe is None else observe(next(questions))
-                answers = (chosen if is_recorded else actions)[part].reshape(-1, 3)
+                answers = (unplayed if is_recorded else actions)[part].reshape(-1, 3)
                 density = log_density[part].reshape(-1) if densities else None
                 beyond, carry.memory = policy.act(seen, answers, density)
                 clipped += beyond

@@ -14,7 +14,7 @@ from ibdata.errors import IbdataError
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.rollout import Columns, Memory, parts, rollout
+from ibdata.experiment.rollout import Columns, TableBuffer, parts, rollout
 from ibdata.simulation.variables import Table
 from ibdata.writing.arrow import digest_runs
 
@@ -47,7 +47,7 @@ def describe(spec: DatasetSpec, shard: Shard, made: Iterable[tuple[Shard, Column
 
 
 def simulated(
-    spec: DatasetSpec, shard: Shard, memory: Memory | None = None
+    spec: DatasetSpec, shard: Shard, memory: TableBuffer | None = None
 ) -> Iterator[tuple[Shard, Columns]]:
     """Simulate a shard part by part. With `memory`, a part is gone when the next one is made."""
     experiment = spec.of_shard(shard)

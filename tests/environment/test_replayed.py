@@ -88,7 +88,9 @@ def test_the_actions_of_an_episode_give_its_rows_bit_for_bit(played):
 
 
 def test_the_first_observations_are_those_of_the_burn_in(played):
-    expected = Source(played.stored).visited(np.arange(12), np.zeros(12, dtype=int), Watching(frames=FRAMES))
+    expected = Source(played.stored).carries_at(
+        np.arange(12), np.zeros(12, dtype=int), Watching(frames=FRAMES)
+    )
     lane, many = Lane(settings_of(played)), Simulation(settings_of(played), 12)
     begun(many, played, range(12))
     np.testing.assert_array_equal(many.carry.observations, expected.observations)

@@ -99,6 +99,27 @@ class Seeing:
         return np.zeros((len(observations), 3))
 
 
+@pytest.mark.parametrize("needs", [lambda self: Needs(history=3), {"history": 3}, (3, 0, 0, 0)])
+def test_needs_of_another_type_are_refused(needs):
+    """A forgotten @property must not mean that the object sees one observation."""
+    policy = type("Mine", (Seeing,), {"needs": needs})(3)
+    with pytest.raises(UsageError, match=r"^Mine.needs: found .*, expected an attribute or a property"):
+        evaluate(policy, steps=3, episodes=2)
+
+
+def test_a_tuple_is_actions_and_a_state():
+    def three(observations):
+        return tuple(np.ones(len(observations), dtype=np.int64) for _ in range(3))
+
+    with pytest.raises(PolicyError, match="found a tuple of 3, expected actions, or actions and a state"):
+        evaluate(three, steps=3, episodes=2)
+
+
+def test_the_memory_of_all_setpoints_counts():
+    with pytest.raises(UsageError, match=r"^episodes: "):
+        evaluate("safe", setpoint=[float(p) for p in range(101)], steps=1, episodes=2 * 10**7)
+
+
 def test_policies_may_have_own_labels_and_histories():
     own = Seeing(2000)
     own.needs = Needs(history=2000)

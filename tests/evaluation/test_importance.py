@@ -67,6 +67,17 @@ def test_weights_of_long_episodes_may_underflow():
     assert found.effective == pytest.approx([1.6])
 
 
+def test_weights_that_overflow_have_no_estimate():
+    ratios = Ratios(np.zeros((3, 50)), np.zeros((3, 50)))
+    ratios.recorded[0] = 20.0
+    found = of_ratios("x", ratios, np.ones((3, 50)), 1.0)
+    assert [r.mean_return for r in found.results] == [pytest.approx(50.0), None, None]
+    assert (
+        found.notes[0]
+        == "warning: some weights are larger than any number, so only the weighted estimate is there"
+    )
+
+
 def test_errors_equal_the_jackknife():
     """To the last digits for means; of the weighted estimate, a ratio, to the order 1/n."""
     episodes, rng = 300, np.random.default_rng(1)

@@ -72,6 +72,9 @@ class Linear:
     def train(self, on):
         pass
 
+    def modules(self):
+        return [self]
+
 
 class Parameter:
     def __init__(self, numbers):

@@ -10,7 +10,7 @@ import pytest
 from helpers.policies import playing
 from helpers.remembering import Deciding, Recurrent, Resetting
 
-from ibdata import evaluate
+from ibdata import evaluate, generate
 from ibdata.errors import PolicyError
 from ibdata.evaluation.policies import policy_of
 from ibdata.policies import Decision
@@ -171,6 +171,21 @@ def test_a_remembering_object_is_asked_in_order(steps, asked):
     for given in questions[:asked]:
         policy.decide(given)
     wrong = questions[0].apply(lambda x: x[: len(steps)])._replace(step=np.array(steps))
-    line = f"found a question about step {steps[0]}, expected the steps of the same episodes in order"
+    line = f"found an object that remembers, asked about step {steps[0]}, expected the steps of the same"
     with pytest.raises(PolicyError, match=line):
         policy.decide(wrong)
+
+
+def test_a_remembering_object_acts_in_one_place(tmp_path):
+    one = Resetting()
+    live = {"kind": "custom", "target": one, "uniforms": 3}
+    twice = {"kind": "mixture", "bases": [live, {"kind": "sticky", "base": live, "kappa": 0.5}]}
+    for call in (
+        lambda: returns(twice),
+        lambda: evaluate({"a": twice}, 70.0, episodes=1, steps=2),
+        lambda: generate({"name": "x", "setpoints": 70, "steps": 2, "policies": [twice]}, tmp_path / "x"),
+    ):
+        with pytest.raises(PolicyError, match=r"^policy mixture: found live:Resetting in two places"):
+            call()
+    apart = {**twice, "bases": [live, {**twice["bases"][1], "base": {**live, "target": Resetting()}}]}
+    assert len(set(returns(apart))) > 1
