@@ -23,7 +23,6 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.generation.array_job import finalize as finalize
     from ibdata.generation.estimate import estimate as estimate
     from ibdata.generation.generate import generate as generate
-    from ibdata.maintenance.compile_all import compile_all as compile_all
     from ibdata.maintenance.merge import merge as merge
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
@@ -40,7 +39,6 @@ _MODULES = {
     "Experiment": "experiment",
     "IbdataError": "errors",
     "baselines": "evaluation.baselines",
-    "compile_all": "maintenance.compile_all",
     "difference": "dataset.difference",
     "estimate": "generation.estimate",
     "evaluate": "evaluation",

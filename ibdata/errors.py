@@ -75,9 +75,9 @@ def printable(line: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
-def say(line: str) -> None:
-    """Print a line on stderr that is no error."""
-    print(f"ibdata: {printable(line)}", file=sys.stderr, flush=True)
+def notice(line: str, prefix: str = "ibdata: ") -> None:
+    """Print a line on stderr, without control characters and the credentials of URLs."""
+    print(f"{prefix}{printable(hidden(line))}", file=sys.stderr, flush=True)
 
 
 def excerpt(value: object, most: int = 60) -> str:

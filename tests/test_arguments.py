@@ -99,12 +99,12 @@ MEANT = [
     (lambda ds, out: ds.arrays(view={"obsreve": "markov"}), "obsreve", "did you mean 'observe'?"),
     (lambda ds, out: ibdata.split(ds, shots=True), "shots", "found True, expected a whole number or None"),
     (
-        lambda ds, out: ibdata.split(ds, fractions="0.5,0.5"),
+        lambda ds, out: ibdata.split(ds, "episode", fractions="0.5,0.5"),
         "fractions",
         "found '0.5,0.5', expected a list of numbers",
     ),
     (
-        lambda ds, out: ibdata.split(ds, source=[20, "70"]),
+        lambda ds, out: ibdata.split(ds, "setpoint", source=[20, "70"]),
         "source",
         "found [20, '70'], expected a number or a list",
     ),
@@ -211,12 +211,14 @@ NUMBERS = {
     "repair": lambda number, ds, out: ibdata.repair(ds, number(1)),
     "export": lambda number, ds, out: ibdata.export(ds, "npz", out, history=number(2)).history,
     "split, shots": lambda number, ds, out: (
-        ibdata.split(ds, source=number([20]), target=number(70), shots=number(2)).splits
+        ibdata.split(ds, "setpoint", source=number([20]), target=number(70), shots=number(2)).splits
     ),
     "split, transitions": lambda number, ds, out: (
-        ibdata.split(ds, source=number(20), target=number(70), transitions=number(12)).splits
+        ibdata.split(ds, "setpoint", source=number(20), target=number(70), transitions=number(12)).splits
     ),
-    "split, fractions": lambda number, ds, out: ibdata.split(ds, fractions=number([0.5, 0.5])).splits,
+    "split, fractions": lambda number, ds, out: (
+        ibdata.split(ds, "episode", fractions=number([0.5, 0.5])).splits
+    ),
     "head": lambda number, ds, out: ds.head(number(2), at=(number(1), number(2))),
     "head, at": lambda number, ds, out: ds.head(at=number([1, 2])),
     "iter_batches": lambda number, ds, out: [len(x) for x in ds.iter_batches(batch_rows=number(7))],

@@ -1,4 +1,4 @@
-"""The command line. Each command is one file and calls one library function. Errors become exit codes."""
+"""The command line. A command calls one library function and prints its result. Errors become exit codes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import atexit
 import gc
 import inspect
 import os
-import pkgutil
 import re
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from functools import cached_property
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
@@ -23,13 +23,14 @@ from typing import TextIO
 
 import click
 
-from ibdata.cli._printing import print_json, say, shortened
+from ibdata.cli._printing import print_json, shortened
 from ibdata.cli._suggesting import Suggesting, summary_of
-from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, printable
+from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, notice, printable
 from ibdata.system import processes
 from ibdata.version import __version__
 
 INTERRUPTED = 130
+COMMAND = re.compile(r"^def (\w+)_command\(", re.MULTILINE)
 PLACE = re.compile(r"(?P<file>.+?):(?P<line>\d+):\d+: ")
 
 
@@ -40,17 +41,34 @@ class Stopped(Exception):
         self.interrupted = interrupted
 
 
+def _modules() -> Iterator[Path]:
+    """The files of this folder that hold commands."""
+    return Path(__path__[0]).glob("[!_]*.py")
+
+
 class Commands(Suggesting):
-    """Every module of this folder whose name does not begin with _ holds a `command`."""
+    """Every function NAME_command in a module of this folder is the command NAME."""
+
+    @cached_property
+    def modules(self) -> dict[str, str]:
+        """The module of each command, from the text of the modules, because to import them takes long."""
+        texts = {path.stem: path.read_text(encoding="utf-8") for path in _modules()}
+        return {name: module for module, text in texts.items() for name in COMMAND.findall(text)}
+
+    @cached_property
+    def functions(self) -> dict[str, ast.FunctionDef]:
+        """The functions of the modules, which are not imported."""
+        nodes = (node for path in _modules() for node in ast.parse(path.read_bytes()).body)
+        return {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        names = (module.name for module in pkgutil.iter_modules(__path__))
-        return sorted(name for name in names if not name.startswith("_"))
+        return sorted(self.modules)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in self.list_commands(ctx):
+        if cmd_name not in self.modules:
             return None
-        command: click.Command = import_module(f"{__name__}.{cmd_name}").command
+        module = import_module(f"{__name__}.{self.modules[cmd_name]}")
+        command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 
     def invoke(self, ctx: click.Context) -> None:
@@ -61,10 +79,7 @@ class Commands(Suggesting):
 
     def summary(self, ctx: click.Context, name: str) -> str:
         """The first sentence of a command's help."""
-        code = ast.parse(Path(__path__[0], f"{name}.py").read_bytes())
-        functions = (node for node in code.body if isinstance(node, ast.FunctionDef))
-        said = summary_of(next(each for each in functions if each.name == "command"))
-        return said.partition(". ")[0].removesuffix(".") + "."
+        return summary_of(self.functions[f"{name}_command"]).partition(". ")[0].removesuffix(".") + "."
 
 
 @click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -113,12 +128,12 @@ def _nowhere() -> TextIO:
     return open(os.devnull, "w", encoding="utf-8")
 
 
-def _run(given: list[str]) -> int:
+def _run(args: list[str]) -> int:
     """Run a command, report its error, and return its exit code."""
-    debug, hint = "--debug" in given, ""
+    debug, hint = "--debug" in args, ""
     try:
-        plain = [arg for arg in given if arg != "--debug"]
-        code = int(cli.main(plain, prog_name="ibdata", standalone_mode=False) or 0)
+        others = [arg for arg in args if arg != "--debug"]
+        code = int(cli.main(others, prog_name="ibdata", standalone_mode=False) or 0)
         sys.stdout.flush()
         return code
     except click.ClickException as error:
@@ -137,7 +152,7 @@ def _run(given: list[str]) -> int:
         code, lines = error.exit_code if isinstance(error, IbdataError) else 1, _lines(error)
     with suppress(OSError):  # stderr or stdout may be what cannot be written
         _report(lines, hint)
-        if "--json" in given:
+        if "--json" in args:
             _report_json(lines, code)
     return code
 
@@ -199,9 +214,10 @@ def _lines(error: Exception) -> list[str]:
 
 def _report(lines: list[str], hint: str) -> None:
     for line in lines:
-        say(line if line[:1] in "/." or ":" in line.split(" ")[0] else f"ibdata: {line}", err=True)
+        begins_with_place = line[:1] in "/." or ":" in line.split(" ")[0]
+        notice(line, "" if begins_with_place else "ibdata: ")
     if hint:
-        say(hint, err=True)
+        notice(hint, "")
 
 
 def _report_json(lines: list[str], code: int) -> None:

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
 from ibdata.errors import UsageError
-
-if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
 
 
 class Place(click.Path):
@@ -49,39 +46,29 @@ class Yaml(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # not gene
 LOCAL, YAML = Place(urls=False), Yaml()
 
 
-def completing(known: Callable[[click.Context], Iterable[str]]) -> Callable[..., list[CompletionItem]]:
+def completing(known: Callable[[], Iterable[str]]) -> Callable[..., list[CompletionItem]]:
     """Offer the known words that begin as the incomplete one does; a failure offers none."""
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        before, comma, last = incomplete.rpartition(",")
         with suppress(Exception):
-            return [CompletionItem(before + comma + word) for word in known(ctx) if word.startswith(last)]
+            return [CompletionItem(word) for word in known() if word.startswith(incomplete)]
         return []
 
     return complete
 
 
-def _experiments(ctx: click.Context) -> list[str]:
+def _experiments() -> list[str]:
     from ibdata.experiment.shipped import shipped, suites
 
     return [*suites(), *shipped()]
 
 
-def _policies(ctx: click.Context) -> Iterable[str]:
+def _policies() -> Iterable[str]:
     from ibdata.policies import POLICIES
 
     return POLICIES
 
 
-def _dataset(ctx: click.Context) -> Dataset:
-    """The dataset on the line; click leaves its argument alone where an option still lacks its value."""
-    from ibdata.dataset.reader import Dataset
-
-    return Dataset(ctx.params.get("folder") or ctx.args[0])
-
-
-columns = completing(lambda ctx: [column.name for column in _dataset(ctx).stored.info.columns])
-splits = completing(lambda ctx: _dataset(ctx).stored.splits)
 policies = completing(_policies)
 _shipped = completing(_experiments)
 
@@ -101,9 +88,7 @@ set_option = click.option(
     help="Override an option of the experiment, e.g. --set episodes=100.",
 )
 seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
-split_option = click.option(
-    "--split", metavar="NAME", shell_complete=splits, help="Use only rows of this split."
-)
+split_option = click.option("--split", metavar="NAME", help="Use only rows of this split.")
 reward_option = click.option(
     "--reward",
     type=YAML,

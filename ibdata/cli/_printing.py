@@ -6,46 +6,36 @@ import functools
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import click
 
-from ibdata.dataset.tabular import Table, as_text
-from ibdata.errors import hidden, printable
-from ibdata.numerics.naming import counted
-
-if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
+from ibdata.errors import hidden, notice, printable
 
 MAX_LINES = 12  # of a list of problems or results
 
 
 class Result(Protocol):
-    """What a command returns: its `repr` is printed, or `plain` with --json."""
+    """What a command returns: its `repr` is printed, or `plain` with --json.
+
+    It may also have `problems`, lines for stderr, and an `exit_code`.
+    """
 
     def plain(self) -> Mapping[str, Any]: ...
 
 
 class Printed(NamedTuple):
-    """A result of a command that is no result of the library.
+    """A result that is no more than what is printed."""
 
-    Attributes:
-        data: What --json prints.
-        text: What is printed without it.
-        problems: Lines for stderr.
-        exit_code: The exit code of the command.
-    """
-
-    data: Mapping[str, Any]
-    text: str = ""
-    problems: Sequence[object] = ()
+    data: Mapping[str, Any]  # with --json
+    text: object  # without it
     exit_code: int = 0
 
     def plain(self) -> Mapping[str, Any]:
         return self.data
 
     def __repr__(self) -> str:
-        return self.text
+        return str(self.text)
 
 
 def prints_result(function: Callable[..., Result]) -> Callable[..., None]:
@@ -58,24 +48,23 @@ def prints_result(function: Callable[..., Result]) -> Callable[..., None]:
             print_json({"version": 1, **result.plain()})
         elif text := repr(result):
             say(text)
-        if isinstance(result, Printed):
-            for problem in shortened(result.problems):
-                say(printable(problem), err=True)
-            click.get_current_context().exit(result.exit_code)
+        for line in shortened(getattr(result, "problems", ())):
+            notice(line, "")
+        click.get_current_context().exit(getattr(result, "exit_code", 0))
 
     return click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON document.")(
         command
     )
 
 
-def say(text: object = "", err: bool = False) -> None:
+def say(text: str) -> None:
     """Print text of one line or several.
 
     It may hold texts of datasets, experiments and policies, so control characters are escaped, and
     credentials in URLs are hidden.
     """
-    for line in str(text).removesuffix("\n").split("\n"):
-        click.echo(printable(hidden(line)), err=err)
+    for line in text.removesuffix("\n").split("\n"):
+        click.echo(printable(hidden(line)))
 
 
 def print_json(data: Mapping[str, Any], indent: int | None = None) -> None:
@@ -94,40 +83,6 @@ def _plain(data: Any) -> Any:
     return [_plain(value) for value in data] if isinstance(data, list | tuple) else data
 
 
-def problems_found(problems: Sequence[Any], data: Mapping[str, Any], fine: str) -> Printed:
-    """The result of a check: `fine`, or the problems on stderr and the exit code 3."""
-    listed = {**data, "problems": [problem._asdict() for problem in problems]}
-    return Printed(listed, "", problems, 3) if problems else Printed(listed, fine)
-
-
-def made(dataset: Dataset, seconds: float | None = None) -> Printed:
-    """A dataset that a command made, perhaps with the seconds that it took."""
-    data, rows = described(dataset), [("dataset", dataset.place), *contents(dataset)]
-    if seconds is not None:
-        data["seconds"] = seconds
-        rows.append(("seconds", f"{seconds:.1f}"))
-    return Printed(data, pairs(rows))
-
-
-def described(dataset: Dataset) -> dict[str, Any]:
-    """The place, counts and content root of a dataset."""
-    return {"out": dataset.place, **dataset.info["counts"], "content_root": dataset.content_root}
-
-
-def contents(dataset: Dataset) -> list[tuple[str, str]]:
-    """Rows, files and content root of a dataset, as text."""
-    counts = dataset.stored.info.counts
-    lengths = (
-        dataset.stored.episodes["length"].unique().to_pylist() if counts.steps is None else [counts.steps]
-    )
-    steps = " or ".join([*(f"{n:,}" for n in lengths[:-1]), counted(lengths[-1], "step")])
-    return [
-        ("rows", f"{counts.rows:,} in {counted(counts.episodes, 'episode')} of {steps}"),
-        ("files", f"{counts.shards:,} Parquet, {size(dataset.stored.manifest.data_bytes)}"),
-        ("content root", dataset.content_root),
-    ]
-
-
 def shortened(lines: Sequence[object]) -> list[str]:
     """The first lines, and how many more there are.
 
@@ -141,40 +96,3 @@ def shortened(lines: Sequence[object]) -> list[str]:
 def lines(texts: Iterable[object]) -> str:
     """One line for each text, whatever characters it holds."""
     return "\n".join(printable(str(text)) for text in texts)
-
-
-def pairs(rows: Sequence[tuple[str, object]]) -> str:
-    """Names and values, a pair a line.
-
-    >>> print(pairs([("rows", 5), ("name", "a")]))
-    rows  5
-    name  a
-    """
-    width = max(len(name) for name, _ in rows)
-    return lines(f"{name.ljust(width)}  {value}" for name, value in rows)
-
-
-def table(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Columns under their names."""
-    return as_text(Table(names, rows))
-
-
-def within(rows: int, episodes: int) -> str:
-    """Rows and episodes.
-
-    >>> within(10_000, 1)
-    '10,000 rows in 1 episode'
-    """
-    return f"{counted(rows, 'row')} in {counted(episodes, 'episode')}"
-
-
-def size(count: float) -> str:
-    """Format a number of bytes.
-
-    >>> size(791701)
-    '0.8 MB'
-    """
-    for unit, scale in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if count >= scale / 10:
-            return f"{count / scale:.1f} {unit}"
-    return f"{count:.0f} bytes"

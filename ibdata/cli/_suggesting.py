@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from ibdata.cli._printing import say
-from ibdata.errors import suggestion
+from ibdata.errors import notice, suggestion
 
 
 class Suggesting(click.Group):
@@ -18,7 +17,8 @@ class Suggesting(click.Group):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Without arguments, print the help on stderr; the exit code is 2."""
         if not args and not ctx.resilient_parsing:
-            say(ctx.get_help(), err=True)
+            for line in ctx.get_help().split("\n"):
+                notice(line, "")
             ctx.exit(2)
         return super().parse_args(ctx, args)
 
@@ -46,14 +46,14 @@ class Listing(click.Command):
     """A command whose help ends with a list of names and descriptions."""
 
     def __init__(
-        self, *args: Any, title: str, listed: Callable[[], list[tuple[str, str]]], **options: Any
+        self, *args: Any, title: str, entries: Callable[[], list[tuple[str, str]]], **options: Any
     ) -> None:
         super().__init__(*args, **options)
-        self._title, self._listed = title, listed
+        self._title, self._entries = title, entries
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section(self._title):
-            formatter.write_dl(self._listed())
+            formatter.write_dl(self._entries())
 
 
 def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:

@@ -1,3 +1,5 @@
+"""The commands of config."""
+
 import json
 from collections.abc import Mapping
 from typing import Any
@@ -5,7 +7,7 @@ from typing import Any
 import click
 
 from ibdata.cli._options import configs, seed_option, set_option
-from ibdata.cli._printing import Printed, print_json, prints_result, table
+from ibdata.cli._printing import Printed, Result, print_json, prints_result
 from ibdata.cli._suggesting import Suggesting
 from ibdata.errors import printable
 from ibdata.numerics.naming import counted
@@ -14,7 +16,7 @@ config_argument = click.argument("config", metavar="CONFIG", shell_complete=conf
 
 
 @click.group("config", cls=Suggesting)
-def command() -> None:
+def config_command() -> None:
     """List what experiments and policies there are, or check and show an experiment.
 
     CONFIG is a YAML file, a folder of YAML files, or the name of a shipped experiment.
@@ -27,40 +29,38 @@ def command() -> None:
     """
 
 
-@command.command("list")
+@config_command.command("list")
 @prints_result
-def list_() -> Printed:
+def list_() -> Result:
     """List the experiments that come with ibdata, with their rows and a description.
 
     A name that ends with / is that of a folder of experiments.
     """
     from ibdata.experiment.catalogue import catalogue
 
-    found = catalogue()
-    text = table(("config", "rows", ""), [(each.name, each.rows, each.description) for each in found])
-    return Printed({"configs": [each._asdict() for each in found]}, text)
+    return catalogue()
 
 
-@command.command("policies")
+@config_command.command("policies")
 @prints_result
 def policies() -> Printed:
     """List the policies and their options."""
     from ibdata.policies import described
 
-    found = described()
+    kinds = described()
     lines = []
-    for policy in found:
+    for policy in kinds:
         lines.append(f"{policy['kind']}: {policy['summary']}")
         for option in policy["options"]:
             lines.append(f"    {option['name']} ({_default(option)}): {option['description']}")
-    return Printed({"policies": found}, "\n".join(lines))
+    return Printed({"policies": kinds}, "\n".join(lines))
 
 
 def _default(option: Mapping[str, Any]) -> str:
     return "required" if option["required"] else f"default {json.dumps(option['default'])}"
 
 
-@command.command("validate")
+@config_command.command("validate")
 @config_argument
 @set_option
 @seed_option
@@ -73,11 +73,11 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None) -> Print
     from ibdata.experiment import find, load_all
 
     rows = sum(experiment.rows for experiment in load_all(config, overrides, seed))
-    found = str(find(config))
-    return Printed({"config": found, "valid": True, "rows": rows}, f"{found}: valid, {counted(rows, 'row')}")
+    path = str(find(config))
+    return Printed({"config": path, "valid": True, "rows": rows}, f"{path}: valid, {counted(rows, 'row')}")
 
 
-@command.command("show")
+@config_command.command("show")
 @config_argument
 @set_option
 @seed_option
@@ -93,7 +93,7 @@ def show(config: str, overrides: tuple[str, ...], seed: int | None) -> Printed:
     return Printed(experiment.plain(), text)
 
 
-@command.command("schema")
+@config_command.command("schema")
 def schema() -> None:
     """Print the JSON Schema of experiments, for editors."""
     from ibdata.experiment import Experiment

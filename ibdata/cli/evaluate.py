@@ -1,3 +1,5 @@
+"""The command evaluate."""
+
 from typing import Any
 
 import click
@@ -54,7 +56,7 @@ from ibdata.cli._printing import Result, prints_result
 @allow_code_option
 @progress_option
 @prints_result
-def command(
+def evaluate_command(
     policies: tuple[str, ...],
     more_policies: tuple[str, ...],
     setpoints: tuple[Any, ...],

@@ -1,20 +1,16 @@
+"""The command export."""
+
 from pathlib import Path
 from typing import Any
 
 import click
 
 from ibdata.cli._options import LOCAL, YAML, folder_argument, progress_option, reward_option, split_option
-from ibdata.cli._printing import Printed, pairs, prints_result, within
+from ibdata.cli._printing import Result, prints_result
 from ibdata.cli._suggesting import Listing, summaries
-from ibdata.exporters import FORMATS, added_formats
-from ibdata.numerics.naming import counted
+from ibdata.exporters import FORMATS
 
 VIEW = ("observe", "actions", "reward", "reward_scale", "imperfections")
-
-
-def _formats() -> list[tuple[str, str]]:
-    added = [(each.name, f"Added by {each.module}.") for each in added_formats()]
-    return summaries("ibdata.exporters", FORMATS) + added
 
 
 def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | list[str]:
@@ -22,12 +18,12 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
     return names if len(names) > 1 or text.startswith(("obs_", "latent_")) else text
 
 
-@click.command("export", cls=Listing, title="Formats", listed=_formats)
+@click.command("export", cls=Listing, title="Formats", entries=lambda: summaries("ibdata.exporters", FORMATS))
 @folder_argument
 @click.option(
     "--to",
     required=True,
-    type=click.Choice([*FORMATS, *sorted(added_formats().names)]),
+    type=click.Choice(FORMATS),
     help="The format; see below.",
 )
 @click.option("--out", required=True, type=LOCAL, metavar="PATH", help="The file or folder to write.")
@@ -60,7 +56,7 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
 @click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
 @progress_option
 @prints_result
-def command(folder: Path, to: str, out: Path, **options: Any) -> Printed:
+def export_command(folder: Path, to: str, out: Path, **options: Any) -> Result:
     """Write a dataset in the format of another library, and print the Python code that loads it.
 
     Every transition is kept, including the last of each episode with its next observation. (Only if --observe
@@ -75,13 +71,4 @@ def command(folder: Path, to: str, out: Path, **options: Any) -> Printed:
     from ibdata.exporters import export
 
     view = {name: options.pop(name) for name in VIEW}
-    made = export(folder, to, out, **options, view=view)
-    lines: list[tuple[str, object]] = [
-        ("export", made.path),
-        ("rows", within(made.rows, made.episodes)),
-        ("format", made.format),
-    ]
-    if made.left_out:
-        why = "the last of each episode; generate with output: {latent: next} to keep them"
-        lines.append(("left out", f"{counted(made.left_out, 'row')}, {why}"))
-    return Printed(made._asdict(), f"{pairs(lines)}\n\n{made.snippet}")
+    return export(folder, to, out, **options, view=view)

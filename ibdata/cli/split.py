@@ -1,17 +1,16 @@
+"""The command split."""
+
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from ibdata.cli._options import LOCAL, folder_argument, splits
-from ibdata.cli._printing import Printed, prints_result, within
+from ibdata.cli._options import LOCAL, folder_argument
+from ibdata.cli._printing import Result, prints_result
+from ibdata.cli._results import Splits
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
-
-if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
 
 
 def _fractions(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
@@ -25,8 +24,8 @@ def _fractions(ctx: click.Context, param: click.Parameter, value: str | None) ->
 
 def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
     pairs = [value.partition("=")[::2] for value in values]
-    for value, (made, name) in zip(values, pairs, strict=True):
-        if not (made and name):
+    for value, (split, name) in zip(values, pairs, strict=True):
+        if not (split and name):
             raise click.BadParameter(f"found {value!r}, expected two names such as source=at-50")
     return dict(pairs)
 
@@ -36,7 +35,7 @@ def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) 
 @click.option(
     "--by",
     type=click.Choice(list(OPTIONS)),
-    help="The property that decides the split of an episode; default: the one that the other options imply.",
+    help="The property that decides the split of an episode.",
 )
 @click.option(
     "--scheme",
@@ -68,13 +67,7 @@ def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) 
     metavar="SPLIT=NAME",
     help="Name one of the new splits, e.g. --name source=at-50; may be repeated.",
 )
-@click.option(
-    "--remove",
-    multiple=True,
-    metavar="NAME",
-    shell_complete=splits,
-    help="Remove this split; may be repeated.",
-)
+@click.option("--remove", multiple=True, metavar="NAME", help="Remove this split; may be repeated.")
 @click.option("--list", "as_list", is_flag=True, help="Print the splits, and change nothing.")
 @click.option(
     "--materialize",
@@ -83,12 +76,12 @@ def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) 
     help="Write a copy to OUT in which each split has its own files.",
 )
 @prints_result
-def command(folder: Path, as_list: bool, **options: Any) -> Printed:
+def split_command(folder: Path, as_list: bool, **options: Any) -> Result:
     """Split a dataset: label its episodes, or write a copy in which every split has its own files.
 
     \b
     ibdata split data/random --by setpoint --source 50 --target 70
-    ibdata split data/random --scheme leave-one-out --prefix fold
+    ibdata split data/random --by setpoint --scheme leave-one-out --prefix fold
     ibdata split data/many --by episode --fractions 0.7,0.3
     ibdata split data/many --list
     ibdata split data/many --remove test
@@ -100,38 +93,8 @@ def command(folder: Path, as_list: bool, **options: Any) -> Printed:
         for option, value in options.items():
             if value not in (None, (), {}):
                 raise click.UsageError(f"--list changes nothing, but found --{option} too; give one of them")
-        return _splits(Dataset(folder), {})
+        return Splits(Dataset(folder))
     from ibdata.maintenance.split import split
 
-    before = Dataset(folder).stored.splits
-    after = split(folder, **options)
-    return _splits(after, {} if options["materialize"] else _taken_away(before, after.stored.splits))
-
-
-def _taken_away(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, list[str]]:
-    """The names of the splits that were replaced or removed."""
-    found = {
-        "replaced": [name for name in before if name in after and before[name] != after[name]],
-        "removed": [name for name in before if name not in after],
-    }
-    return {key: names for key, names in found.items() if names}
-
-
-def _splits(dataset: Dataset, taken_away: Mapping[str, list[str]]) -> Printed:
-    splits = dataset.splits
-    lines = [f"removed the split {name}" for name in taken_away.get("removed", [])]
-    for name in taken_away.get("replaced", []):
-        lines.append(f"replaced the split {name}; --prefix or --name keeps both")
-    width = max(map(len, splits), default=0)
-    for name, made in splits.items():
-        kind = "whole files" if made["declared"] else "labels"
-        lines.append(f"{name.ljust(width)}  {within(made['rows'], made['episodes'])} ({kind})")
-    if not splits:
-        lines.append(f"{dataset.place}: no splits")
-    plain = {
-        "path": dataset.place,
-        "splits": splits,
-        "content_root": dataset.content_root,
-        "taken_away": taken_away,
-    }
-    return Printed(plain, "\n".join(lines))
+    before = {} if options["materialize"] else Dataset(folder).stored.splits
+    return Splits(split(folder, **options), before)

@@ -24,6 +24,7 @@ from ibdata.dataset.conditions import (
 from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.dataset.splits import with_later
 from ibdata.dataset.stored import Stored
+from ibdata.dataset.tabular import ColumnStatistics
 from ibdata.dataset.transitions import as_batch, left_out, needed, transitions
 from ibdata.dataset.viewed import arrays_of, batches_of, windows_of
 from ibdata.dataset.windows import Windows
@@ -287,7 +288,7 @@ class Readable(ABC):
         )
 
     @public
-    def statistics(self, split: Split = None) -> dict[str, Any]:
+    def statistics(self, split: Split = None) -> ColumnStatistics:
         """Statistics of the float columns, which are read for all rows and for a declared split.
 
         Those of later splits and of other selections are computed from the rows; quantiles of more than
@@ -303,7 +304,8 @@ class Readable(ABC):
             UsageError: The dataset has no such split, or the selection is empty.
             DatasetError: A file is missing or damaged.
         """
-        return {name: column.plain() for name, column in self._chosen(split).column_statistics().items()}
+        columns = self._chosen(split).column_statistics()
+        return ColumnStatistics((name, column.plain()) for name, column in columns.items())
 
     def _chosen(self, split: Split = None, setpoint: Setpoint = None, policy: Policy = None) -> Selection:
         """A selection that is not empty. Raises UsageError if none of its episodes meets all conditions."""

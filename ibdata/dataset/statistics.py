@@ -44,11 +44,6 @@ def moments(table: Table) -> Moments:
     return Moments(table.shape[1], mean, squares, low, high)
 
 
-def joined(parts: list[Moments]) -> Moments:
-    """Join the moments of different columns of the same rows."""
-    return Moments(parts[0].rows, *(np.concatenate(of) for of in list(zip(*parts, strict=True))[1:]))
-
-
 def merged(a: Moments, b: Moments) -> Moments:
     """Merge the moments of two sets of rows (Chan, Golub and LeVeque 1983)."""
     rows = a.rows + b.rows

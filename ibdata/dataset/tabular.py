@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ibdata.errors import printable
@@ -45,6 +45,23 @@ class Tabular(ABC):
         return as_html(self.tables())
 
 
+class ColumnStatistics(Tabular, dict[str, Any]):
+    """The statistics of each column, by its name."""
+
+    def tables(self) -> list[Table]:
+        """A row for each column."""
+        shown = ("mean", "std", "min", "max")
+        rows = [
+            (name, *(column[key] for key in shown), column["quantiles"]["0.5"])
+            for name, column in self.items()
+        ]
+        return [Table(("column", *shown, "median"), rows)]
+
+    def plain(self) -> dict[str, Any]:
+        """The statistics as plain data for JSON."""
+        return {"columns": dict(self)}
+
+
 def as_text(table: Table) -> str:
     """A table as lines of text: texts on the left of their columns, numbers on the right.
 
@@ -62,6 +79,25 @@ def as_text(table: Table) -> str:
         for line in (cells if table.rows else ())
     ]
     return "\n".join([*map(str.rstrip, lines), *_notes(table)])
+
+
+def pairs(rows: Sequence[tuple[str, object]]) -> str:
+    """Names and values, a pair a line.
+
+    >>> print(pairs([("rows", 5), ("name", "a")]))
+    rows  5
+    name  a
+    """
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(printable(f"{name.ljust(width)}  {value}") for name, value in rows)
+
+
+def transposed(columns: Mapping[str, Sequence[Any]]) -> str:
+    """Columns of values, each on one line after its name."""
+    texts = {name: column_texts(values) for name, values in columns.items()}
+    longest, width = max(map(len, texts)), max(len(text) for column in texts.values() for text in column) + 2
+    lines = (name.ljust(longest) + "".join(x.rjust(width) for x in column) for name, column in texts.items())
+    return "\n".join(map(printable, lines))
 
 
 def as_html(tables: Sequence[Table]) -> str:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ibdata.errors import ConfigError, UsageError, say, suggestion
+from ibdata.errors import ConfigError, UsageError, notice, suggestion
 from ibdata.experiment.code import user_objects_in
 from ibdata.experiment.messages import Problem, refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
@@ -165,7 +165,7 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
     """A context in which the objects of these policies are loaded and known to be pure.
 
     Objects see so many `columns` of an observation. At the end they are forgotten, the modules of Python are
-    not, and it `says` on stderr what may be wrong with them. Raises PolicyError for a policy that remembers
+    not, and notices on stderr say what may be wrong with them. Raises PolicyError for a policy that remembers
     or draws in secret.
     """
     policies = list(policies)
@@ -181,7 +181,7 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
         yield
         for policy in policies if says else ():
             for note in notes_on(policy):
-                say(f"{policy.label}: {note}")
+                notice(f"{policy.label}: {note}")
     finally:
         for part in objects:
             part.forget()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from ibdata.dataset.tabular import Table, Tabular
 from ibdata.experiment import load
 from ibdata.experiment.shipped import shipped, suites
 from ibdata.numerics.naming import counted
@@ -20,10 +21,22 @@ class Listed(NamedTuple):
     description: str
 
 
-def catalogue() -> list[Listed]:
+class Catalogue(Tabular, list[Listed]):
+    """What comes with ibdata."""
+
+    def plain(self) -> dict[str, Any]:
+        """The entries as plain data for JSON."""
+        return {"configs": [entry._asdict() for entry in self]}
+
+    def tables(self) -> list[Table]:
+        """A row for each entry."""
+        return [Table(("config", "rows", ""), self)]
+
+
+def catalogue() -> Catalogue:
     """The shipped experiments in order. A folder stands before its experiments."""
     experiments = [Listed(name, load(path).rows, description(path)) for name, path in shipped().items()]
-    entries = [entry for entry in experiments if "/" not in entry.name]
+    entries = Catalogue(entry for entry in experiments if "/" not in entry.name)
     for suite in suites():
         members = [entry for entry in experiments if entry.name.startswith(f"{suite}/")]
         rows = sum(member.rows for member in members)

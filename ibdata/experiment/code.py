@@ -8,17 +8,15 @@ holds the versions of the packages in use.
 from __future__ import annotations
 
 import importlib.metadata
-import os
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
-from ibdata.errors import UsageError, printable, say
+from ibdata.errors import UsageError, notice, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies import Policy
 from ibdata.policies.code import (
@@ -64,8 +62,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
     Raises UsageError if the code may not run, or if a policy is a live object that no longer exists. With
     `again`, other processes may need the policy, so every live object is refused.
     """
-    policies = customs(spec)
-    targets = list(dict.fromkeys(custom.target for custom in policies))
+    targets = list(dict.fromkeys(custom.target for custom in customs(spec)))
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
@@ -78,36 +75,17 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
                 f"{where}: found {live.code_target}, an object that acts in the Python session of its run "
                 "and nowhere else; put its class into a file and name it with kind: custom"
             )
-    for custom in policies:
-        for file in _undeclared(custom, places_of(spec)):
-            say(f"{custom.target}: params: {file} is a file; list it under files, so that it is recorded")
 
 
 def announce(spec: DatasetSpec) -> None:
     """Print on stderr which code of custom policies runs now."""
     for target in dict.fromkeys(custom.target for custom in customs(spec)):
-        say(f"running the code of {target}")
+        notice(f"running the code of {target}")
 
 
 def places_of(spec: DatasetSpec) -> Places:
     """The folders in which ibdata looks for the code of custom policies."""
     return two_places(spec.experiments[0].folder)
-
-
-def _undeclared(custom: Custom, folders: Places) -> list[str]:
-    """The existing files that a policy's parameters name without declaring them."""
-    declared = custom.files or ()
-    texts = [text for text in dict.fromkeys(_texts(custom.params)) if text not in declared]
-    return [text for text in texts if any(os.path.isfile(folder / text) for folder in folders)]
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """All texts inside a value."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, list | dict):
-        for item in value.values() if isinstance(value, dict) else value:
-            yield from _texts(item)
 
 
 def consented_spec(stored: Stored, allow_code: bool) -> DatasetSpec:

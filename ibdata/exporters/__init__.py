@@ -6,9 +6,6 @@ folder `path` and returns the Python code that loads it from `target`, its final
 - `HISTORY`, its default history;
 - `place(view, out)`, which returns the target for the option `--out`. Such a format may have ids, which both
   functions then take as the keyword `id`.
-
-Other packages add formats by entry points in the group `ibdata.exporters`: the name of an entry point is that
-of the format, its value is the module. The module is imported only when its format is used.
 """
 
 from __future__ import annotations
@@ -17,15 +14,15 @@ import os
 import pkgutil
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ibdata.arguments import public
+from ibdata.dataset.tabular import pairs
+from ibdata.numerics.naming import counted, within
 
 if TYPE_CHECKING:
     from ibdata.dataset.reader import Rows
-    from ibdata.exporters._view import View as View
 
 FORMATS = tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
 
@@ -42,6 +39,17 @@ class Exported(NamedTuple):
     snippet: str  # Python that loads it
     frame: tuple[str, ...]  # the numbers that are observed at one step
     left_out: int  # transitions whose next frame is not in the dataset
+
+    def plain(self) -> dict[str, Any]:
+        """The fields as plain data for JSON."""
+        return self._asdict()
+
+    def __repr__(self) -> str:
+        lines = [("export", self.path), ("rows", within(self.rows, self.episodes)), ("format", self.format)]
+        if self.left_out:
+            why = "the last of each episode; generate with output: {latent: next} to keep them"
+            lines.append(("left out", f"{counted(self.left_out, 'row')}, {why}"))
+        return f"{pairs(lines)}\n\n{self.snippet}"
 
 
 @public
@@ -65,7 +73,7 @@ def export(
 
     Args:
         dataset: A dataset, its folder or URL, or a selection of its episodes.
-        to: The format: one of `FORMATS`, or one that an installed package adds.
+        to: The format: one of `FORMATS`.
         out: The file or folder to write; for `minari` the root folder, which gets a folder named `id`.
         split: Only this split, or these; by default all rows.
         history: How many observations to stack, newest first; 1 unless the format has another default.
@@ -121,29 +129,10 @@ def export(
     )
 
 
-def added_formats() -> EntryPoints:
-    """The formats that installed packages add, as entry points."""
-    return entry_points(group=__name__)
-
-
-def __getattr__(name: str) -> Any:
-    """`View`, for formats of other packages; imported when first used."""
-    if name != "View":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return import_module(f"{__name__}._view").View
-
-
 def _format(to: str) -> Any:
     """The module of a format."""
-    from ibdata.errors import IbdataError, UsageError, suggestion
+    from ibdata.errors import UsageError, suggestion
 
     if to in FORMATS:
         return import_module(f"{__name__}.{to}")
-    added = added_formats()
-    if to in added.names:
-        try:
-            return added[to].load()
-        except Exception as error:
-            raise IbdataError(f"format {to}: {added[to].module} cannot be imported: {error}") from error
-    known = [*FORMATS, *sorted(added.names)]
-    raise UsageError(f"format: found {to!r}, expected one of {', '.join(known)}{suggestion(to, known)}")
+    raise UsageError(f"format: found {to!r}, expected one of {', '.join(FORMATS)}{suggestion(to, FORMATS)}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
@@ -33,6 +33,7 @@ from ibdata.generation.run import (
 )
 from ibdata.generation.target import is_free, refuse_incomplete, refuse_taken, size_in
 from ibdata.generation.worker import process_for
+from ibdata.numerics.naming import counted
 from ibdata.system.part import Part, locked_part, resolved
 from ibdata.system.storage import refuse_url
 from ibdata.writing.finish import finish
@@ -57,6 +58,9 @@ class Range(NamedTuple):
             )
         return cls(int(part), int(parts))
 
+    def __str__(self) -> str:
+        return f"{self.part}/{self.parts}"
+
     def of(self, shards: list[Shard]) -> list[Shard]:
         """The consecutive shards of the range. The sizes of ranges differ by at most one shard."""
         n = len(shards)
@@ -64,12 +68,32 @@ class Range(NamedTuple):
 
 
 class PartMade(NamedTuple):
-    """A finished range: the dataset's folder, shards and rows, and how many shards are still missing."""
+    """A finished range: the dataset's folder, shards and rows, how many shards are missing, and the range."""
 
     folder: Path
     shards: int
     rows: int
     missing: int
+    range: str
+
+    def plain(self) -> dict[str, Any]:
+        """The fields as plain data for JSON."""
+        fields = self._asdict()
+        del fields["folder"], fields["range"]
+        return {**fields, "out": str(self.folder), "range": self.range}
+
+    def __repr__(self) -> str:
+        left = "all shards are complete"
+        if self.missing:
+            left = f"shards that are still missing: {self.missing:,}; when all are complete"
+        lines = [
+            f"{self.folder}: part {self.range} is complete: {counted(self.shards, 'shard')} with "
+            f"{counted(self.rows, 'row')}",
+            f"{left}, run ibdata finalize {self.folder}",
+        ]
+        if not self.shards:
+            lines.append("there are fewer shards than parts; a smaller output.shard_rows makes more")
+        return "\n".join(lines)
 
 
 def make_range(
@@ -84,14 +108,14 @@ def make_range(
     target, spec = resolved(place), DatasetSpec.of(experiment)
     mine = own.of(spec.shards)
     if already_there(experiment, target, place, resume=True, overwrite=False):
-        return PartMade(place, len(mine), rows_of(spec, mine), 0)
+        return PartMade(place, len(mine), rows_of(spec, mine), 0, str(own))
     with process_for(spec) as process:
         here = process.call(origin.observe)  # compiles for up to a minute, while other hosts need the lock
         with locked_part(target, place, shared=True) as part, counted_if_stopped(part, spec, "--shards"):
             _begin(part, spec, here, place)
             make(process, mine, part, run, progress)
             missing = len(spec.shards) - len(part.receipts)
-    return PartMade(place, len(mine), rows_of(spec, mine), missing)
+    return PartMade(place, len(mine), rows_of(spec, mine), missing, str(own))
 
 
 def _begin(part: Part, spec: DatasetSpec, here: Origin, place: Path) -> None:

@@ -5,28 +5,29 @@ from __future__ import annotations
 import io
 import os
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ibdata.arguments import public
-from ibdata.dataset.tabular import Table, Tabular
+from ibdata.dataset.tabular import Table, Tabular, pairs
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
 from ibdata.experiment.rollout import rollout
-from ibdata.generation import origin
 from ibdata.generation.engine import refuse_workers
 from ibdata.generation.generate import is_folder, places_of
-from ibdata.generation.run import already_there, refuse_both, unfinished
-from ibdata.generation.target import TakenError, is_free
+from ibdata.generation.run import already_there, refuse_both
+from ibdata.generation.target import TakenError
 from ibdata.generation.upload import refuse_overwrite
 from ibdata.generation.warm_up import warm_up
 from ibdata.generation.worker import process_for
 from ibdata.generation.workers import divide
+from ibdata.numerics.naming import counted, size
 from ibdata.system.files import HashingFile
-from ibdata.system.part import Part, resolved
+from ibdata.system.part import resolved
 from ibdata.system.processes import available_processors
 from ibdata.writing.shard_writer import encode
 from ibdata.writing.summary import describe
@@ -42,6 +43,24 @@ class Estimate(Tabular, dict[str, Any]):
         """The names and values, a row for each experiment."""
         rows = self.get("experiments", [self])
         return [Table(list(rows[0]), [list(row.values()) for row in rows])]
+
+    def plain(self) -> dict[str, Any]:
+        """The names and values."""
+        return self
+
+    def __repr__(self) -> str:
+        lines = [
+            f"{run['out']}: {counted(run['rows'], 'row')}, {size(run['bytes'])}, {run['seconds']:.1f} s"
+            for run in self.get("experiments", [])
+        ]
+        workers = counted(self["workers"], "worker")
+        total = [
+            ("out", f"{self['out']} (nothing is written)"),
+            *((name, f"{self[name]:,}") for name in ("episodes", "rows", "shards")),
+            ("bytes", f"{self['bytes']:,} ({size(self['bytes'])}, estimated from a sample)"),
+            ("seconds", f"{self['seconds']:,.1f} with {workers} (estimated from a sample)"),
+        ]
+        return "\n".join([*lines, *([""] if lines else []), pairs(total)])
 
 
 @partial(public, keys=KEYS)
@@ -69,9 +88,8 @@ def estimate(
         allow_code: As in `generate`.
 
     Returns:
-        name, out, episodes, rows, shards, workers (the number of processes), estimated bytes and seconds, and
-        `folder`: what `generate` would do with what is at `out`, or None; a URL is not looked at. Of a folder
-        of experiments, the sums, and `experiments`, a list of such dicts.
+        name, out, episodes, rows, shards, workers (the number of processes), and estimated bytes and seconds.
+        Of a folder of experiments, the sums, and `experiments`, a list of such dicts.
 
     Raises:
         IbdataError: As in `generate`.
@@ -81,15 +99,10 @@ def estimate(
     experiments = load_all(config, overrides, seed)
     for experiment in experiments:
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-    runs = [
-        Estimate(
-            {
-                **_estimate(experiment, place, workers),
-                "folder": _outlook(experiment, place, resume, overwrite),
-            }
-        )
-        for experiment, place in zip(experiments, places_of(config, experiments, out), strict=True)
-    ]
+    runs = []
+    for experiment, place in zip(experiments, places_of(config, experiments, out), strict=True):
+        _refuse_place(experiment, place, resume, overwrite)
+        runs.append(_estimate(experiment, place, workers))
     if not is_folder(config):
         return runs[0]
     total = {key: sum(run[key] for run in runs) for key in ("episodes", "rows", "shards", "bytes", "seconds")}
@@ -99,41 +112,23 @@ def estimate(
     )
 
 
-def _outlook(experiment: Experiment, place: Path | str, resume: bool, overwrite: bool) -> str | None:
-    """What `generate` would do or ask at a place, in words; None if nothing is there, or at a URL."""
+def _refuse_place(experiment: Experiment, place: Path | str, resume: bool, overwrite: bool) -> None:
+    """Raise what `generate` would raise at a place that holds neither a dataset nor a run."""
     if isinstance(place, str):
         refuse_overwrite(place, overwrite)
-        return None
-    try:
-        return _outlook_in_folder(experiment, place, resume, overwrite)
-    except TakenError as error:
-        return f"generate would stop with: {error}"
+        return
+    with suppress(TakenError):
+        already_there(experiment, resolved(place), place, resume, overwrite)
 
 
-def _outlook_in_folder(planned: Experiment, out: Path, resume: bool, overwrite: bool) -> str | None:
-    """What `generate` would do with what is at a place; None if there is nothing. Raises what it raises."""
-    target = resolved(out)
-    if already_there(planned, target, out, resume, overwrite):
-        return "exists; generate would find the dataset finished, and write nothing"
-    part = Part(target)
-    if part.receipts:
-        same = origin.same_experiment(part.folder, planned)
-        if not overwrite and not (same and resume):
-            raise unfinished(out, None if same else "of another experiment", resume)
-        return f"generate would {'go on with' if same else 'discard'} the unfinished run in it"
-    if not is_free(target, out):
-        return "exists; generate would replace the dataset in it"
-    return None
-
-
-def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> dict[str, Any]:
+def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> Estimate:
     spec = DatasetSpec.of(planned)
     with process_for(spec) as process:
         size, seconds = process.call(_sample)
     shards = plan(planned)
     division = divide(spec, shards, workers)
     busy = min(division.processes * division.threads, len(shards), available_processors())
-    return dict(
+    return Estimate(
         name=planned.name,
         out=str(place),
         episodes=len(planned.cells) * planned.episodes,

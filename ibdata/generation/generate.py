@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import UsageError, printable
+from ibdata.errors import UsageError, notice
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -140,8 +139,7 @@ def _generate_one(
     target = resolved(place)
     if already_there(experiment, target, place, resume, overwrite):
         settle_left(target)
-        found = f"ibdata: {place}: already there; nothing was written"
-        print(printable(found), file=sys.stderr, flush=True)
+        notice(f"{place}: already there; nothing was written")
     else:
         make_dataset(experiment, target, place, run, resume, overwrite, progress)
     return Dataset(place)

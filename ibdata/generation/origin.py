@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, parse
-from ibdata.errors import UsageError, say
+from ibdata.errors import UsageError, notice
 from ibdata.experiment import Experiment, as_yaml, self_check
 from ibdata.experiment.code import changed, names_of, record, user_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -59,11 +59,11 @@ def observe(spec: DatasetSpec) -> Origin:
             play_user_objects(experiment)
     for user_object in user_objects(spec):
         for note in user_object.notes():
-            say(f"{user_object.code_target}: {note}")
+            notice(f"{user_object.code_target}: {note}")
     for experiment in spec.experiments:
         for label, policy in zip(experiment.labels, experiment.policies, strict=True):
             for note in other_dynamics(policy, experiment.scenario):
-                say(f"{label}: {note}")
+                notice(f"{label}: {note}")
     return origin
 
 

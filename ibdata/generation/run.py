@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from ibdata.errors import IbdataError, Interrupted, UsageError, printable
+from ibdata.errors import IbdataError, Interrupted, UsageError, notice
 from ibdata.experiment import Experiment
 from ibdata.experiment.code import changed_here, live_objects, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -77,8 +76,7 @@ def already_there(experiment: Experiment, target: Path, place: Path, resume: boo
             "--overwrite to make it again"
         )
     if names:
-        found = f"ibdata: {place}: was made with other code than is here, in {names_of(names)}"
-        print(printable(found), file=sys.stderr, flush=True)
+        notice(f"{place}: was made with other code than is here, in {names_of(names)}")
     return True
 
 
@@ -104,8 +102,7 @@ def prepare(
             return
         if not overwrite:
             raise unfinished(place, other, resume)
-        told = f"ibdata: {place}: the unfinished run {other} that was begun here is discarded"
-        print(printable(told), file=sys.stderr, flush=True)
+        notice(f"{place}: the unfinished run {other} that was begun here is discarded")
     part.clear()
     (part.folder / receipt.DATASET).mkdir()
     origin.begin(part.folder, spec, here)

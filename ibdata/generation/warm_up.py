@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-
 from ibdata.dataset.statistics import moments
+from ibdata.errors import notice
 from ibdata.experiment import Experiment, self_check
 from ibdata.experiment.code import user_objects_in
 from ibdata.experiment.rollout import rollout
@@ -36,5 +35,5 @@ def known_answer(therefore: str = "the manifest says reproducible: false") -> st
     found = self_check.answer()
     check()
     if not self_check.is_right(found):
-        print(f"ibdata: this machine computes other bits than expected; {therefore}", file=sys.stderr)
+        notice(f"this machine computes other bits than expected; {therefore}")
     return found

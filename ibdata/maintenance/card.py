@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import printable
+from ibdata.errors import notice, printable
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.measures.quality import quality
 from ibdata.plots import drawn
@@ -68,7 +67,7 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
         keep_edited(manifest.CARD, path, path)
         write(path, manifest.CARD, text)
         if report is None:
-            print(f"ibdata: {manifest.REPORT} is not written: {why}", file=sys.stderr, flush=True)
+            notice(f"{manifest.REPORT} is not written: {why}")
             return [path / manifest.CARD]
         keep_edited(manifest.REPORT, path, path)
         write(path, manifest.REPORT, sealed(report))

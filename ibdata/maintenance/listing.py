@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
+from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import load
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.split_schemes import setpoints
 from ibdata.generation import origin
-from ibdata.numerics.naming import counted
+from ibdata.numerics.naming import counted, exact, size
 from ibdata.system.part import Part
 from ibdata.system.storage import local
+
+COLUMNS = ("dataset", "rows", "bytes", "setpoints", "policies", "content", "state")
+MOST_NAMES = 3  # of setpoints or policies that are shown
 
 
 class Listed(NamedTuple):
@@ -40,7 +44,51 @@ class Listed(NamedTuple):
         return {**self._asdict(), "path": str(self.path)}
 
 
-def datasets_in(folder: str | os.PathLike[str]) -> list[Listed]:
+class Listing(Tabular, list[Listed]):
+    """The datasets in a folder and below it."""
+
+    def __init__(self, folder: str, datasets: Iterable[Listed]) -> None:
+        super().__init__(datasets)
+        self.folder = folder
+
+    def plain(self) -> dict[str, Any]:
+        """The datasets as plain data for JSON."""
+        return {"datasets": [dataset.plain() for dataset in self]}
+
+    def tables(self) -> list[Table]:
+        """A row for each dataset, and their sum."""
+        if not self:
+            return [
+                Table(
+                    (),
+                    (),
+                    [f"{self.folder}: no datasets here or below; ibdata generate random.yaml makes one"],
+                )
+            ]
+        rows, data_bytes = sum(dataset.rows or 0 for dataset in self), sum(dataset.bytes for dataset in self)
+        total = f"{self.folder}: {counted(len(self), 'dataset')}, {counted(rows, 'row')}, {size(data_bytes)}"
+        return [Table(COLUMNS, list(map(_row, self)), [total])]
+
+
+def _row(dataset: Listed) -> tuple[object, ...]:
+    return (
+        str(dataset.path),
+        dataset.rows,
+        size(dataset.bytes),
+        _some([exact(setpoint) for setpoint in dataset.setpoints]),
+        _some(dataset.policies),
+        dataset.content_root[:8] if dataset.content_root else None,
+        dataset.state,
+    )
+
+
+def _some(names: Sequence[str]) -> str | None:
+    if len(names) > MOST_NAMES:
+        return f"{names[0]} … {names[-1]} ({len(names):,})"
+    return ", ".join(names) or None
+
+
+def datasets_in(folder: str | os.PathLike[str]) -> Listing:
     """List the datasets in a folder and below it, in the order of their paths.
 
     Links to folders are followed, hidden folders are not. No code of a dataset runs.
@@ -54,7 +102,7 @@ def datasets_in(folder: str | os.PathLike[str]) -> list[Listed]:
     root = local(folder)
     if not os.path.isdir(root):
         raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")
-    return sorted(_listed(root))
+    return Listing(str(folder), sorted(_listed(root)))
 
 
 def _listed(root: Path) -> Iterator[Listed]:

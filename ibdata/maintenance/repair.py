@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.dataset.stored import Stored
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.plan import Shard
@@ -153,7 +152,7 @@ def _repaired(
             entries[path] = write(folder, path, make())
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
-        print(f"ibdata: {folder}: splits that were made later are lost; make them again", file=sys.stderr)
+        notice(f"{folder}: splits that were made later are lost; make them again")
     return entries
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-import sys
 from collections.abc import Iterator
 
 from ibdata.arguments import public
@@ -12,7 +10,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.models import Manifest
 from ibdata.dataset.stored import Stored
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, notice
 from ibdata.experiment.code import changed_here, consented_spec, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -29,7 +27,7 @@ from ibdata.writing.summary import simulated
 
 @public
 def reproduce(
-    folder: str | os.PathLike[str], episodes: int | str | None = None, allow_code: bool = False
+    folder: str | os.PathLike[str], episodes: int | None = None, allow_code: bool = False
 ) -> tuple[int, list[Problem]]:
     """Make episodes again in memory and compare them with the digests that the dataset lists.
 
@@ -38,7 +36,7 @@ def reproduce(
 
     Args:
         folder: The folder of the dataset; nothing is written to it.
-        episodes: A number of episodes, which are spread evenly, or a range such as "500-600"; None means all.
+        episodes: A number of episodes, which are spread evenly; None means all.
         allow_code: Allow custom policies, which run arbitrary Python code. They give the same bits only in
             the same environment.
 
@@ -48,7 +46,7 @@ def reproduce(
 
     Raises:
         DatasetError: There is no finished dataset, or it is of another data version.
-        UsageError: The dataset has no such episodes, or has custom policies that are not allowed.
+        UsageError: The number is below 1, or the dataset has custom policies that are not allowed.
     """
     stored = Stored.open(local(existing(folder)))
     listed = stored.manifest
@@ -56,12 +54,11 @@ def reproduce(
     refuse_other_plan(spec, listed)
     digests, shards, rows = (stored.episodes[name].to_pylist() for name in ("digest", "shard", "row_start"))
     problems = list(_root(spec, listed, digests))
-    asked = list(_parts(spec, None if episodes is None else str(episodes), len(digests)))
+    asked = list(_parts(spec, episodes, len(digests)))
     problems += changed_files(stored, {listed.shards[part.number].path for part in asked})
     names = changed_here(spec, listed.code)
     if names:
-        found = f"ibdata: {stored.name}: was made with other code than is here, in {names_of(names)}"
-        print(found, file=sys.stderr, flush=True)
+        notice(f"{stored.name}: was made with other code than is here, in {names_of(names)}")
     with process_for(spec) as process:
         clipped, differing = process.call(_made_again, asked, digests)
     for episode in differing:
@@ -101,23 +98,17 @@ def _root(spec: DatasetSpec, listed: Manifest, digests: list[bytes]) -> Iterator
         yield Problem(manifest.PATH, None, "reproduce", message)
 
 
-def _parts(spec: DatasetSpec, episodes: str | None, total: int) -> Iterator[Shard]:
-    if episodes is None:
+def _parts(spec: DatasetSpec, count: int | None, total: int) -> Iterator[Shard]:
+    """All shards, or a part for each of so many episodes, spread evenly over the `total` ones."""
+    if count is None:
         yield from spec.shards
         return
-    first, dash, last = episodes.partition("-")
-    if not re.fullmatch("[0-9]{1,18}(-[0-9]{1,18})?", episodes):
-        found = episodes if len(episodes) < 40 else f"{episodes[:40]}…"
-        raise UsageError(f"--episodes: found {found!r}, expected a number or a range such as 500-600")
-    if not dash:
-        number = min(total, int(first))
-        ranges = [(i * total // number, i * total // number + 1) for i in range(number)]
-    else:
-        ranges = [(int(first), int(last) + 1)]
-    if not ranges or not ranges[0][0] < ranges[-1][1] <= total:
-        raise UsageError(f"--episodes: found {episodes!r}, expected a number or a range within 0-{total - 1}")
+    if count < 1:
+        raise UsageError(f"--episodes: found {count}, expected a whole number of at least 1")
+    count = min(count, total)
+    episodes = [i * total // count for i in range(count)]
     for shard in spec.shards:
-        for low, high in ranges:
-            start, stop = max(low - shard.offset, shard.first), min(high - shard.offset, shard.stop)
-            if start < stop:
-                yield shard._replace(first=start, stop=stop)
+        for episode in episodes:
+            first = episode - shard.offset
+            if shard.first <= first < shard.stop:
+                yield shard._replace(first=first, stop=first + 1)

@@ -17,7 +17,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.setpoints import SplitName
 from ibdata.experiment.split_schemes import Splits
 from ibdata.maintenance.rewrite import relabel, sources_of, write_dataset
-from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES, property_of, refuse_unused
+from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES, refuse_unused
 
 
 @public
@@ -46,8 +46,8 @@ def split(
     Args:
         folder: A dataset, or its folder.
         by: The property that decides the split of an episode: "setpoint", by scheme; "episode", into
-            fractions; "policy", one split per label. By default the property that the other options imply;
-            without such options, no split is made, and remove or materialize is needed.
+            fractions; "policy", one split per label. Without it, no split is made, and remove or materialize
+            is needed.
         scheme: How setpoints are split, by default transfer:
             transfer: source and target; the episodes of a target cell beyond shots or transitions are
                 target-rest
@@ -84,8 +84,7 @@ def split(
     given = {
         name: x for name, x in options.items() if x is not None and not (isinstance(x, Sequence) and not x)
     }
-    by = by or property_of(given)
-    if by not in OPTIONS and (by is not None or not (remove or materialize)):
+    if by not in OPTIONS and (by is not None or given or not (remove or materialize)):
         found = "nothing" if by is None else repr(by)
         raise UsageError(f"split: found {found}, expected a property: --by setpoint, episode or policy")
     made = _made(spec, by, given) if by else {}

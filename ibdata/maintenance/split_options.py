@@ -24,11 +24,6 @@ OPTIONS = {
 }
 
 
-def property_of(given: Iterable[str]) -> str | None:
-    """The property that the given options split by; None if there are none."""
-    return next((by for option in given for by, options in OPTIONS.items() if option in options), None)
-
-
 def refuse_unused(given: Iterable[str], by: str, scheme: str) -> None:
     """Raise UsageError for a given option that the way to split does not use."""
     way, used = f"a split by {by}", OPTIONS[by]

@@ -26,6 +26,7 @@ import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
 from numba.core.runtime.nrt import rtsys
 
+from ibdata.errors import notice
 from ibdata.system.cache_folders import cache_folders
 
 
@@ -40,7 +41,7 @@ class Announcement:
     def begin(self, module: str) -> None:
         """Note that a function of a module is about to be compiled."""
         if not self._said:
-            print(f"ibdata: {_text(module)}", file=sys.stderr, flush=True)
+            notice(_text(module))
             self._said = True
         self._under_way += 1
 

@@ -58,6 +58,27 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
+def within(rows: int, episodes: int) -> str:
+    """Rows and episodes.
+
+    >>> within(10_000, 1)
+    '10,000 rows in 1 episode'
+    """
+    return f"{counted(rows, 'row')} in {counted(episodes, 'episode')}"
+
+
+def size(count: float) -> str:
+    """A number of bytes.
+
+    >>> size(791701)
+    '0.8 MB'
+    """
+    for unit, scale in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= scale / 10:
+            return f"{count / scale:.1f} {unit}"
+    return f"{count:.0f} bytes"
+
+
 def yaml_name(name: str) -> str:
     """A name of a-z, 0-9, _ and - as YAML, quoted if some parser would not read it as text.
 

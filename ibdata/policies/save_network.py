@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.errors import UsageError, say
+from ibdata.errors import UsageError, notice
 from ibdata.policies.actors import Actor, actor_of, numbers
 from ibdata.policies.libraries import environment_note
 from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, kept, written
@@ -94,7 +94,7 @@ def save_network(
     with refusals(target):
         write(target.parent, target.name, data)
     if note is not None and mean is std is None:
-        say(f"{target.name}: {note}, or pass mean and std")
+        notice(f"{target.name}: {note}, or pass mean and std")
     return weights.sha256
 
 

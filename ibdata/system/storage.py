@@ -193,11 +193,6 @@ class Remote(Storage):
             with source.open("rb") as file, stream:
                 shutil.copyfileobj(file, stream, BLOCK)
 
-    def remove(self, path: str) -> None:
-        """Remove a file."""
-        with plain_errors():
-            self._files.delete_file(f"{self._base}/{path}")
-
 
 @contextmanager
 def plain_errors() -> Iterator[None]:

@@ -9,12 +9,11 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import sys
 from itertools import count
 from pathlib import Path
 
 from ibdata.dataset import manifest
-from ibdata.errors import printable
+from ibdata.errors import notice
 from ibdata.system.files import keep_access, write_new
 
 EDITABLE = (manifest.CARD, manifest.REPORT)
@@ -44,7 +43,7 @@ def keep_edited(name: str, old: Path, new: Path) -> None:
     kept = next(each for each in names if not os.path.lexists(old / each))
     write_new(new, kept, text)
     keep_access(file, new / kept)
-    print(printable(f"ibdata: {file}: was edited, and is now {kept}"), file=sys.stderr, flush=True)
+    notice(f"{file}: was edited, and is now {kept}")
 
 
 def keep_all(old: Path, new: Path) -> None:

@@ -82,10 +82,6 @@ def test_a_misspelt_word_is_answered_with_the_right_one(made, run, args, code, n
     ("words", "offered"),
     [
         (("generate", "siemens-offline/gl"), ["siemens-offline/global-100"]),
-        (("head", "data/tiny", "--columns", "step,rew"), ["step,reward"]),
-        (("head", "data/nothing", "--columns", "rew"), []),
-        (("stats", "data/tiny", "--split", "l"), ["low"]),
-        (("split", "data/tiny", "--remove", ""), ["low"]),
         (("evaluate", "saf"), ["safe"]),
         (("repr",), ["reproduce"]),
         (("generate", "--res"), ["--resume"]),

@@ -46,7 +46,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ),
     (
         "figure landscape --out o.svg --dynamics paper --seed 7 --overwrite",
-        "ibdata.cli.figure.figure",
+        "ibdata.cli.draw.figure",
         {"name": "landscape", "out": "o.svg", "dynamics": "paper", "seed": 7, "overwrite": True},
     ),
     ("finalize o", "ibdata.generation.array_job.finalize", {"folder": "o"}),
@@ -88,7 +88,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ("merge a b c --out o", "ibdata.maintenance.merge.merge", {"folders": ("a", "b", "c"), "out": "o"}),
     (
         "plot $D --out o --format svg --overwrite --quiet",
-        "ibdata.cli.plot.plot",
+        "ibdata.cli.draw.plot",
         {"dataset": DATA, "out": "o", "form": "svg", "overwrite": True, "progress": False},
     ),
     (
@@ -97,9 +97,9 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
         {"folder": DATA, **PREVIEWED},
     ),
     (
-        "reproduce $D --episodes 2-3 --allow-code",
+        "reproduce $D --episodes 3 --allow-code",
         "ibdata.maintenance.reproduce.reproduce",
-        {"folder": DATA, "episodes": "2-3", "allow_code": True},
+        {"folder": DATA, "episodes": 3, "allow_code": True},
     ),
     (
         "split $D --by setpoint --scheme distance --source 1 --source 2 --target 3 --shots 4 --transitions 5"

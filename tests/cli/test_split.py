@@ -22,7 +22,7 @@ def made(made_at, tmp_path):
 
 
 def test_what_is_replaced_or_removed_is_said(made, run):
-    few = ("split", "d", "--source", "50", "--target", "70", "--prefix", "few")
+    few = ("split", "d", "--by", "setpoint", "--source", "50", "--target", "70", "--prefix", "few")
     assert run(*few, "--shots", "1") == (
         0,
         "low              12 rows in 4 episodes (whole files)\n"

@@ -17,7 +17,6 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.dataset import manifest
-from ibdata.maintenance.compile_all import compile_all
 
 PLAIN = {
     "name": "tiny",
@@ -28,12 +27,6 @@ PLAIN = {
     "output": {"shard_rows": 6},
     "splits": {"low": {"setpoint": 20}},
 }
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _compiled() -> None:
-    """Compile everything first, because a command that compiles says so on stderr."""
-    compile_all()
 
 
 @pytest.fixture(scope="session")

@@ -30,7 +30,7 @@ def labelled(declared, made_at, tmp_path_factory):
 def one_file(describe, made_at, tmp_path_factory):
     """The same episodes in one file, in which those of a selection lie apart; all splits are labels."""
     made = made_at(describe(output={"latent": "next"}), tmp_path_factory.mktemp("selection") / "one")
-    ibdata.split(made.path, source=[20], target=[70], shots=2)
+    ibdata.split(made.path, "setpoint", source=[20], target=[70], shots=2)
     return ibdata.split(made.path, by="policy")
 
 

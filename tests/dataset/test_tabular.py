@@ -74,7 +74,7 @@ def test_an_estimate_is_a_dict_and_a_table(tmp_path, monkeypatch):
     assert json.loads(json.dumps(guessed)) == dict(guessed)
     assert guessed["rows"] == guessed.to_pandas().loc[0, "rows"] == 10_000
     assert cells(guessed._repr_html_())[:4] == ["random", "data/random", "10", "10,000"]
-    assert repr(guessed).split("\n")[0].split()[:4] == ["name", "out", "episodes", "rows"]
+    assert repr(guessed).startswith("out       data/random (nothing is written)\nepisodes  10\n")
 
 
 def test_the_problems_are_a_list_and_a_table(copied):

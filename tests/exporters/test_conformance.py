@@ -17,7 +17,7 @@ from exporters.reading import equal, hdf5, holds, one_setpoint
 import ibdata
 from ibdata.cli import cli
 from ibdata.dataset.selection import Selection
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import DatasetError, IbdataError
 from ibdata.exporters._view import View
 
 VIEWS = {
@@ -84,41 +84,6 @@ def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path, 
     assert made["version"] == 1
     assert made["snippet"].replace(f"{tmp_path}/b", f"{tmp_path}/a") in text.stdout
     assert run(tmp_path / "b", "--overwrite").exit_code == 0
-
-
-ADDED = '''
-"""Rewards as text."""
-
-
-def export(view, path, target):
-    path.write_text("".join(f"{reward}\\n" for block in view.blocks() for reward in block.rewards))
-    return f"rewards = __import__('pathlib').Path({str(target)!r}).read_text().split()"
-'''
-
-
-@pytest.fixture
-def added(tmp_path, monkeypatch):
-    """An installed package that adds the format `rewards`."""
-    site = tmp_path / "site"
-    (site / "mine-1.0.dist-info").mkdir(parents=True)
-    (site / "mine-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
-    points = "[ibdata.exporters]\nrewards = mine_rewards\n"
-    (site / "mine-1.0.dist-info" / "entry_points.txt").write_text(points)
-    (site / "mine_rewards.py").write_text(ADDED)
-    monkeypatch.syspath_prepend(site)
-    yield site
-    sys.modules.pop("mine_rewards", None)
-
-
-def test_a_format_of_another_package_is_imported_when_used(dataset, tmp_path, added):
-    ibdata.export(dataset, "npz", tmp_path / "made.npz")
-    assert "mine_rewards" not in sys.modules
-    names = {}
-    exec(ibdata.export(dataset, "rewards", tmp_path / "rewards.txt").snippet, names)
-    assert len(names["rewards"]) == 480
-    with pytest.raises(UsageError, match=r"expected one of csv, .*, rewards; did you mean 'rewards'"):
-        ibdata.export(dataset, "reward", tmp_path / "more.txt")
-    assert "Added by mine_rewards." in CliRunner().invoke(cli, ["export", "--help"]).stdout
 
 
 REFUSED = {

@@ -16,7 +16,7 @@ WRITERS = {
     "generate": lambda out: ibdata.generate(TINY, out, workers=1),
     "overwrite": lambda out: ibdata.generate(TINY, out, workers=1, overwrite=True),
     "shards": lambda out: ibdata.generate(TINY, out, shards="1/1", workers=1),
-    "materialize": lambda out: ibdata.split("../a", scheme="leave-one-out", materialize=out),
+    "materialize": lambda out: ibdata.split("../a", "setpoint", scheme="leave-one-out", materialize=out),
 }
 REFUSED = {
     "current": (".", "is the current folder or around it"),

@@ -62,7 +62,7 @@ def test_a_merged_dataset_holds_the_episodes_of_all(pair, merged):
     assert merged.statistics()["reward"]["mean"] == pytest.approx(sum(rewards) / 84, rel=1e-6)
 
 
-@pytest.mark.parametrize(("episodes", "count"), [(None, 18), ("4-9", 6)])
+@pytest.mark.parametrize(("episodes", "count"), [(None, 18), (6, 6)])
 def test_a_merged_dataset_is_reproduced_whole_and_in_part(merged, episodes, count):
     assert ibdata.reproduce(merged.path, episodes) == (count, [])
 

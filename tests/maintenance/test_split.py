@@ -37,16 +37,16 @@ def conditions(dataset, name):
 
 CASES = {
     "transfer": (
-        {"source": [50], "target": [75]},
+        {"by": "setpoint", "source": [50], "target": [75]},
         {"source": ({50.0}, BOTH, ALL), "target": ({75.0}, BOTH, ALL)},
     ),
     "shots": (
-        {"source": [50, 30], "target": [75], "shots": 2},
+        {"by": "setpoint", "source": [50, 30], "target": [75], "shots": 2},
         {"source": ({30.0, 50.0}, BOTH, ALL), "target": ({75.0}, BOTH, {0, 1}),
          "target-rest": ({75.0}, BOTH, {2, 3, 4})},
     ),
     "transitions": (
-        {"source": [50], "target": [75], "transitions": 15},  # 15 rows hold 3 episodes of 4
+        {"by": "setpoint", "source": [50], "target": [75], "transitions": 15},  # 15 rows hold 3 episodes of 4
         {"source": ({50.0}, BOTH, ALL), "target": ({75.0}, BOTH, {0, 1, 2}),
          "target-rest": ({75.0}, BOTH, {3, 4})},
     ),
@@ -85,11 +85,14 @@ def test_each_share_of_100_episodes_has_its_number():
 
 ASKED = [
     *(
-        {"source": [20], "target": [70], **budget}
+        {"by": "setpoint", "source": [20], "target": [70], **budget}
         for budget in ({}, {"shots": 1}, {"shots": 2}, {"transitions": 9})
     ),
-    *({"scheme": scheme} for scheme in ("leave-one-out", "interpolation", "extrapolation")),
-    *({"scheme": "distance", "source": source, "within": 50} for source in ([20], [20, 70])),
+    *({"by": "setpoint", "scheme": scheme} for scheme in ("leave-one-out", "interpolation", "extrapolation")),
+    *(
+        {"by": "setpoint", "scheme": "distance", "source": source, "within": 50}
+        for source in ([20], [20, 70])
+    ),
     *({"by": "episode", "fractions": shares} for shares in ((0.5, 0.5), (0.9, 0.1), (0.4, 0.3, 0.3))),
     {"by": "policy"},
 ]
@@ -109,20 +112,20 @@ def test_no_scheme_makes_a_split_without_an_episode(made_at, tmp_path, episodes,
 
 def test_close_setpoints_are_told_apart(made_at, tmp_path):
     made = made_at({**MANY, "setpoints": [50.0000001, 50.0000002, 60.0], "splits": {}}, tmp_path / "close")
-    split = ibdata.split(made.path, scheme="leave-one-out")
+    split = ibdata.split(made.path, "setpoint", scheme="leave-one-out")
     names = [f"{part}-{p}" for p in ("50_0000001", "50_0000002", "60") for part in ("train", "test")]
     assert list(split.splits) == names
     assert conditions(split, "test-50_0000002")[0] == {50.0000002}
     assert ibdata.validate(made.path) == []
     with pytest.raises(UsageError, match=r"found setpoint 50, expected one of 50\.0000001, 50\.0000002, 60"):
-        ibdata.split(made.path, source=[50.0], target=[60.0])
+        ibdata.split(made.path, "setpoint", source=[50.0], target=[60.0])
 
 
 def test_labels_replace_one_file_and_need_no_row(made):
     before = contents(made.path)
     rows, away = made.path / "data", made.path.parent / "away"
     rows.rename(away)
-    split = ibdata.split(made.path, source=[50], target=[75], shots=2)
+    split = ibdata.split(made.path, "setpoint", source=[50], target=[75], shots=2)
     away.rename(rows)
     after = contents(made.path)
     assert {path for path in after if after[path] != before.get(path)} == {str(made.path / manifest.SPLITS)}
@@ -142,9 +145,9 @@ def test_splits_made_together_are_replaced_together(made):
     """Else a rest of the earlier scheme would share episodes with the new splits."""
     ibdata.split(made.path, by="policy")
     kept = set(ibdata.open(made.path).splits)
-    ibdata.split(made.path, source=50, target=75, shots=1)
-    ibdata.split(made.path, source=50, target=75, shots=1, prefix="few")
-    found = ibdata.split(made.path, source=50, target=75).splits
+    ibdata.split(made.path, "setpoint", source=50, target=75, shots=1)
+    ibdata.split(made.path, "setpoint", source=50, target=75, shots=1, prefix="few")
+    found = ibdata.split(made.path, "setpoint", source=50, target=75).splits
     assert set(found) - kept == {"source", "target", "few-source", "few-target", "few-target-rest"}
     ibdata.split(made.path, by="episode", fractions=[0.5, 0.25, 0.25])
     found = ibdata.split(made.path, by="episode", fractions=[0.5, 0.5]).splits
@@ -154,7 +157,9 @@ def test_splits_made_together_are_replaced_together(made):
 
 def test_a_materialized_copy_has_splits_of_whole_files(made, tmp_path):
     ibdata.split(made.path, by="policy")
-    copy = ibdata.split(made.path, source=[50], target=[75], shots=2, materialize=tmp_path / "copy")
+    copy = ibdata.split(
+        made.path, "setpoint", source=[50], target=[75], shots=2, materialize=tmp_path / "copy"
+    )
     assert copy.content_root == made.content_root
     assert list(ibdata.open(made.path).splits) == ["low", "random", "safe"]
     for name, split in copy.splits.items():
@@ -170,17 +175,20 @@ def test_a_materialized_copy_has_splits_of_whole_files(made, tmp_path):
     assert [s["content"] for s in again.manifest["shards"]] == [s["content"] for s in copy.manifest["shards"]]
 
 
-TRANSFER = {"source": [50], "target": [75]}
+TRANSFER = {"by": "setpoint", "source": [50], "target": [75]}
 REFUSED = [
-    ({"source": [50], "target": [50]}, "found 50 as source and target, expected different"),
-    ({"source": [50]}, "found no target, expected setpoints for both"),
+    ({"by": "setpoint", "source": [50], "target": [50]}, "found 50 as source and target, expected different"),
+    ({"by": "setpoint", "source": [50]}, "found no target, expected setpoints for both"),
     ({**TRANSFER, "shots": 6}, "found a budget of 6 episodes, expected at most 5, the episodes of each pol"),
     ({**TRANSFER, "transitions": 3}, "found 3 transitions, expected at least 4, those of an episode"),
     ({**TRANSFER, "shots": 1, "transitions": 9}, "expected one of them"),
     ({**TRANSFER, "fractions": (0.5, 0.5)}, "found --fractions, but the scheme transfer uses only --source"),
-    ({"source": [50], "target": [75], "names": {"source": "low"}}, "low is a declared split"),
-    ({"scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
-    ({"scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
+    (
+        {"by": "setpoint", "source": [50], "target": [75], "names": {"source": "low"}},
+        "low is a declared split",
+    ),
+    ({"by": "setpoint", "scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
+    ({"by": "setpoint", "scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
     ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
     (
         {"by": "policy", "names": {"saef": "x"}},
@@ -200,8 +208,10 @@ def test_what_cannot_be_meant_is_refused(made, call, line):
 
 
 def test_several_schemes_live_together_under_names_of_their_own(made_at, made, tmp_path):
-    ibdata.split(made.path, source=[50], target=[75], shots=2, prefix="near")
-    ibdata.split(made.path, source=[50], target=[90], names={"source": "at-50", "target": "at-90"})
+    ibdata.split(made.path, "setpoint", source=[50], target=[75], shots=2, prefix="near")
+    ibdata.split(
+        made.path, "setpoint", source=[50], target=[90], names={"source": "at-50", "target": "at-90"}
+    )
     split = ibdata.split(made.path, by="episode", fractions=(0.6, 0.4), prefix="x", names={"test": "last"})
     names = ["low", "near-source", "near-target", "near-target-rest", "at-50", "at-90", "x-train", "last"]
     assert list(split.splits) == names

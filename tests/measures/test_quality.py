@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import ibdata
-from ibdata.cli.stats import command
+from ibdata.cli.read import stats_command as command
 from ibdata.errors import UsageError
 from ibdata.measures import quality as module
 from ibdata.measures.coverage import pair_numbers, state_numbers

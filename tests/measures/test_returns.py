@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 import ibdata
-from ibdata.cli.info import command
+from ibdata.cli.read import info_command as command
 from ibdata.dataset.reference_returns import scale
 from ibdata.measures.returns import return_improvement, return_measures, trajectory_quality
 

@@ -94,7 +94,7 @@ def test_what_cannot_be_meant_is_refused_first(merged, tmp_path):
 def test_help_needs_no_matplotlib_and_no_window_is_opened(merged, tmp_path):
     code = f"""
 import sys
-import ibdata.cli.figure, ibdata.cli.plot, ibdata.plots
+import ibdata.cli.draw, ibdata.plots
 assert not {{"matplotlib", "numpy"}} & set(sys.modules)
 ibdata.plots.figure("setpoints", {str(tmp_path / "a.png")!r})
 ibdata.plots.plot({str(merged.path)!r}, {str(tmp_path)!r})

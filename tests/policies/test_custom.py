@@ -102,23 +102,11 @@ def test_deterministic_code_has_a_density_and_may_be_a_base(mine):
 
 
 @pytest.mark.slow
-def test_an_undeclared_file_in_params_is_said(mine, capsys):
-    (mine / "weights.pt").write_text("1")
-    params = {"at": ["weights.pt", "no.pt"]}
-    for files, lines in ((None, 1), (["weights.pt"], 0)):
-        policy = described(target="mine:Actor", params=params, files=files)
-        with pytest.raises(PolicyError, match="unexpected keyword argument 'at'"):
-            ibdata.generate(policy, "out", workers=1, allow_code=True)
-        said = "ibdata: mine:Actor: params: weights.pt is a file; list it under files, so that"
-        assert capsys.readouterr().err.count(said) == lines
-
-
-@pytest.mark.slow
 def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
     made = ibdata.generate(described(target="mine:Learned", history=2), "out", workers=1, allow_code=True)
     (mine / "imported").unlink()
     assert ibdata.validate("out") == []
-    ibdata.split("out", source=[20], target=[70])
+    ibdata.split("out", "setpoint", source=[20], target=[70])
     ibdata.open("out").statistics()
     shard = shard_file(mine / "out", 1)
     (mine / "out" / shard).unlink()

@@ -67,7 +67,10 @@ WRITES = {  # and a file that each makes in the user's folder
         lambda out: ibdata.merge(["~/d", ibdata.generate(TINY, "~/e", seed=7, workers=1)], out),
         "x/README.md",
     ),
-    "materialize": (lambda out: ibdata.split("~/d", scheme="leave-one-out", materialize=out), "x/README.md"),
+    "materialize": (
+        lambda out: ibdata.split("~/d", "setpoint", scheme="leave-one-out", materialize=out),
+        "x/README.md",
+    ),
     "export": (lambda out: ibdata.export("~/d", "npz", out), "x"),
     "windows": (lambda out: ibdata.open("~/d").windows(folder=out), "x/windows.json"),
     "init": (write_template, "x"),

@@ -1,0 +1,132 @@
+"""Commands that check datasets: validate, repair, reproduce, diff."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ibdata.cli._options import (
+    LOCAL,
+    allow_code_option,
+    folder_argument,
+    place_argument,
+    progress_option,
+    workers_option,
+)
+from ibdata.cli._printing import Printed, lines, prints_result
+from ibdata.numerics.naming import counted
+
+if TYPE_CHECKING:
+    from ibdata.validation.rules import Problem
+
+
+class Checked:
+    """The result of a check: a line if all is well, else the problems on stderr and the exit code 3."""
+
+    def __init__(self, problems: Sequence[Problem], fine: str, **data: Any) -> None:
+        self.problems, self._fine, self._data = problems, fine, data
+        self.exit_code = 3 if problems else 0
+
+    def plain(self) -> dict[str, Any]:
+        return {**self._data, "problems": [problem._asdict() for problem in self.problems]}
+
+    def __repr__(self) -> str:
+        return "" if self.problems else self._fine
+
+
+@click.command("validate")
+@place_argument
+@click.option("--quick", is_flag=True, help="Check only the hashes of the files.")
+@progress_option
+@prints_result
+def validate_command(folder: Path | str, quick: bool, progress: bool | None) -> Checked:
+    """Check every file and every row of a dataset.
+
+    Prints each problem with file, row and rule, and with what was found and expected; the exit code is 3 if
+    there are any.
+
+    \b
+    ibdata validate data/random
+    ibdata validate data/random --quick
+    """
+    from ibdata.validation.validate import validate
+
+    problems = validate(folder, quick, progress=progress)
+    fine = f"{folder}: valid" + (" (hashes only)" if quick else "")
+    return Checked(problems, fine, path=str(folder), valid=not problems)
+
+
+@click.command("repair")
+@folder_argument
+@workers_option
+@allow_code_option
+@prints_result
+def repair_command(folder: Path, workers: int | None, allow_code: bool) -> Printed:
+    """Make damaged or missing files of a dataset again.
+
+    No other file is touched. A file is replaced only by one with the content that the manifest lists.
+
+    \b
+    ibdata repair data/random
+    """
+    from ibdata.dataset.reader import Dataset
+    from ibdata.maintenance.repair import repair
+
+    repaired = repair(folder, workers, allow_code)
+    root = Dataset(folder).content_root
+    lines = [f"repaired {path}" for path in repaired]
+    lines.append(f"{folder}: {counted(len(repaired), 'file')} repaired, content root {root}")
+    return Printed({"path": str(folder), "repaired": repaired, "content_root": root}, "\n".join(lines))
+
+
+@click.command("reproduce")
+@folder_argument
+@click.option("--episodes", type=int, metavar="N", help="Compare N evenly spread episodes; default: all.")
+@allow_code_option
+@prints_result
+def reproduce_command(folder: Path, episodes: int | None, allow_code: bool) -> Checked:
+    """Generate a dataset again in memory and compare it with the stored one.
+
+    Prints the episodes that differ; the exit code is 3 if there are any. Nothing is written.
+
+    \b
+    ibdata reproduce data/random
+    ibdata reproduce data/random --episodes 3
+    """
+    from ibdata.maintenance.reproduce import reproduce
+
+    count, problems = reproduce(folder, episodes, allow_code)
+    fine = f"{folder}: {counted(count, 'episode')} made again, all the same"
+    return Checked(problems, fine, path=str(folder), episodes=count, same=not problems)
+
+
+@click.command("diff")
+@click.argument("first", metavar="A", type=LOCAL)
+@click.argument("second", metavar="B", type=LOCAL)
+@prints_result
+def diff_command(first: Path, second: Path) -> Printed:
+    """Print how two datasets differ.
+
+    Compares experiments, columns and counts, and finds the first episode, step and column that differ. The
+    exit code is 3 if the datasets differ, and 2 if A or B is not a dataset.
+
+    \b
+    ibdata diff data/random data/random-paper
+    """
+    from ibdata.dataset.difference import difference
+    from ibdata.dataset.manifest import NoDatasetError
+    from ibdata.dataset.reader import Dataset
+    from ibdata.errors import UsageError
+
+    try:
+        datasets = Dataset(first), Dataset(second)
+    except NoDatasetError as error:
+        raise UsageError(str(error)) from None
+    differences = difference(*datasets)
+    data = {"same": not differences, "differences": differences}
+    if not differences:
+        return Printed(data, "the same content")
+    return Printed(data, lines(differences), exit_code=3)

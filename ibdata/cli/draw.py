@@ -1,0 +1,77 @@
+"""Commands that draw: plot, figure, and card with its report."""
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._options import LOCAL, folder_argument, progress_option
+from ibdata.cli._printing import Printed, lines, prints_result
+from ibdata.cli._suggesting import Listing, summaries
+from ibdata.plots import DYNAMICS, FORMS, figure, names, plot, plots
+
+
+@click.command(
+    "plot", cls=Listing, title="Pictures", entries=lambda: summaries("ibdata.plots.dataset", plots())
+)
+@folder_argument
+@click.option(
+    "--out", type=LOCAL, metavar="FOLDER", help="The folder for the files; default figures/<name of DIR>."
+)
+@click.option(
+    "--format", "form", type=click.Choice(FORMS), default="png", show_default=True, help="File format."
+)
+@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@progress_option
+@prints_result
+def plot_command(
+    folder: Path, out: Path | None, form: str, overwrite: bool, progress: bool | None
+) -> Printed:
+    """Draw all pictures of a dataset and print the names of the files.
+
+    \b
+    ibdata plot data/random
+    ibdata plot data/transfer --out pictures --format svg
+    """
+    files = list(map(str, plot(folder, out, form, overwrite, progress)))
+    return Printed({"files": files}, lines(files))
+
+
+@click.command(
+    "figure", cls=Listing, title="Figures", entries=lambda: summaries("ibdata.plots.paper", names())
+)
+@click.argument("name", type=click.Choice(names()))
+@click.option("--out", type=LOCAL, metavar="FILE", help="A .png or .svg file; default figures/<name>.png.")
+@click.option(
+    "--dynamics", type=click.Choice(DYNAMICS), default="siemens", show_default=True, help="The variant."
+)
+@click.option("--seed", type=int, metavar="N", help="Seed of the episodes that are drawn.")
+@click.option("--overwrite", is_flag=True, help="Replace the file if it exists.")
+@prints_result
+def figure_command(name: str, out: Path | None, dynamics: str, seed: int | None, overwrite: bool) -> Printed:
+    """Draw a figure of the benchmark's paper and print the name of the file.
+
+    \b
+    ibdata figure landscape
+    ibdata figure dynamics --dynamics paper --seed 3 --out dynamics-paper.svg
+    """
+    path = figure(name, out, dynamics, seed, overwrite)
+    return Printed({"files": [str(path)]}, str(path))
+
+
+@click.command("card")
+@folder_argument
+@prints_result
+def card_command(folder: Path) -> Printed:
+    """Write a dataset's card (README.md) and its report (report.html).
+
+    The report shows pictures, returns, statistics, experiment and provenance in one file, which needs no
+    network. Without matplotlib only the card is written.
+
+    \b
+    ibdata card data/random
+    """
+    from ibdata.maintenance.card import card
+
+    written = card(folder)
+    files = [path.name for path in written]
+    return Printed({"path": str(folder), "files": files}, lines(written))

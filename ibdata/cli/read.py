@@ -1,0 +1,99 @@
+"""Commands that look at datasets: ls, info, head, stats."""
+
+from pathlib import Path
+
+import click
+
+from ibdata.cli._options import LOCAL, place_argument, split_option
+from ibdata.cli._printing import Printed, Result, prints_result
+from ibdata.cli._results import Description
+from ibdata.dataset.tabular import transposed
+
+MAX_ROWS = 1_000_000
+
+
+@click.command("ls")
+@click.argument("folder", metavar="[FOLDER]", default=".", type=LOCAL)
+@prints_result
+def ls_command(folder: Path) -> Result:
+    """List the datasets in a folder and in the folders below it.
+
+    FOLDER is the current folder by default. By its manifest, a dataset is finished, unfinished (generate
+    --resume goes on) or damaged; ibdata validate checks all files.
+
+    \b
+    ibdata ls
+    ibdata ls data/siemens-offline
+    """
+    from ibdata.maintenance.listing import datasets_in
+
+    return datasets_in(folder)
+
+
+@click.command("info")
+@place_argument
+@prints_result
+def info_command(folder: Path | str) -> Result:
+    """Describe a dataset: its contents and the returns of its policies.
+
+    \b
+    ibdata info data/random
+    """
+    from ibdata.dataset.reader import Dataset
+
+    return Description(Dataset(folder))
+
+
+@click.command("head")
+@place_argument
+@click.option(
+    "--rows", "-n", type=click.IntRange(1, MAX_ROWS), default=5, show_default=True, help="Number of rows."
+)
+@click.option("--columns", metavar="A,B,…", help="Print only these columns.")
+@split_option
+@click.option(
+    "--at", nargs=2, type=int, metavar="EPISODE STEP", help="Begin at this row; by default at the first."
+)
+@prints_result
+def head_command(
+    folder: Path | str, rows: int, columns: str | None, split: str | None, at: tuple[int, int] | None
+) -> Printed:
+    """Print the first rows of a dataset, or those from --at on, one column per line.
+
+    \b
+    ibdata head data/random -n 3 --columns step,act_velocity,reward
+    ibdata head data/random --at 7 250
+    """
+    from ibdata.dataset.reader import Dataset
+
+    names = None if columns is None else [name.strip() for name in columns.split(",")]
+    first = Dataset(folder).head(rows, names, split, at=at)
+    return Printed({"rows": first.to_pylist()}, transposed(first.to_pydict()))
+
+
+@click.command("stats")
+@place_argument
+@split_option
+@click.option(
+    "--quality",
+    "of_quality",
+    is_flag=True,
+    help="Print measures of the quality of the data instead. They read all rows.",
+)
+@prints_result
+def stats_command(folder: Path | str, split: str | None, of_quality: bool) -> Result:
+    """Print mean, standard deviation, range and median of each column.
+
+    \b
+    ibdata stats data/random
+    ibdata stats data/transfer --split target
+    ibdata stats data/random --quality
+    """
+    if of_quality:
+        from ibdata.measures.quality import quality
+
+        measures = quality(folder, split)
+        return Printed({"quality": measures.plain()}, measures)
+    from ibdata.dataset.reader import Dataset
+
+    return Dataset(folder).statistics(split)
