@@ -20,8 +20,8 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.experiment import Experiment as Experiment
     from ibdata.experiment import load as load
     from ibdata.exporters import export as export
-    from ibdata.generation.array_job import finalize as finalize
     from ibdata.generation.estimate import estimate as estimate
+    from ibdata.generation.generate import finalize as finalize
     from ibdata.generation.generate import generate as generate
     from ibdata.maintenance.merge import merge as merge
     from ibdata.maintenance.repair import repair as repair
@@ -43,7 +43,7 @@ _MODULES = {
     "estimate": "generation.estimate",
     "evaluate": "evaluation",
     "export": "exporters",
-    "finalize": "generation.array_job",
+    "finalize": "generation.generate",
     "generate": "generation.generate",
     "importance": "evaluation.importance",
     "load": "experiment",

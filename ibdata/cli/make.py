@@ -148,7 +148,7 @@ def finalize_command(folder: Path) -> Result:
     ibdata generate random.yaml --out data/random --shards 2/2
     ibdata finalize data/random
     """
-    from ibdata.generation.array_job import finalize
+    from ibdata.generation.generate import finalize
 
     return Made(finalize(folder))
 

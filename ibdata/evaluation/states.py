@@ -23,7 +23,7 @@ from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Float32s, Ints
 from ibdata.simulation.unroll import unroll
 from ibdata.simulation.variables import Table
-from ibdata.writing.planned import refuse_other_plan
+from ibdata.writing.finish import refuse_other_plan
 
 
 class Addresses:

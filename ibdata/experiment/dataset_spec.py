@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -119,6 +119,10 @@ class DatasetSpec:
     def of_shard(self, shard: Shard) -> Experiment:
         """The experiment that a shard belongs to."""
         return self.experiments[shard.experiment]
+
+    def rows_in(self, shards: Iterable[Shard]) -> int:
+        """The number of transitions in some of the shards."""
+        return sum((shard.stop - shard.first) * self.of_shard(shard).steps for shard in shards)
 
     def later_runs(self) -> dict[str, list[Run]]:
         """The episodes of each later split."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import time
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,20 +16,18 @@ from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard, plan
 from ibdata.experiment.rollout import rollout
-from ibdata.generation.engine import refuse_workers
 from ibdata.generation.generate import is_folder, places_of
-from ibdata.generation.run import already_there, refuse_both
-from ibdata.generation.target import TakenError
+from ibdata.generation.process import process_for
+from ibdata.generation.record import warm_up
+from ibdata.generation.target import Mode, TakenError, Target, decide, look
 from ibdata.generation.upload import refuse_overwrite
-from ibdata.generation.warm_up import warm_up
-from ibdata.generation.worker import process_for
-from ibdata.generation.workers import divide
+from ibdata.generation.workers import divide, refuse_workers
 from ibdata.numerics.naming import counted, size
 from ibdata.system.files import HashingFile
-from ibdata.system.part import resolved
+from ibdata.system.part import Part
 from ibdata.system.processes import available_processors
-from ibdata.writing.shard_writer import encode
-from ibdata.writing.summary import describe
+from ibdata.writing.columns import ROW_GROUP_ROWS, Piece
+from ibdata.writing.shard import describe, parquet_writer
 
 SAMPLE_ROWS = 100_000
 PARTS = 8
@@ -60,6 +57,8 @@ class Estimate(Tabular, dict[str, Any]):
             ("bytes", f"{self['bytes']:,} ({size(self['bytes'])}, estimated from a sample)"),
             ("seconds", f"{self['seconds']:,.1f} with {workers} (estimated from a sample)"),
         ]
+        if self.get("action"):
+            total.append(("action", self["action"]))
         return "\n".join([*lines, *([""] if lines else []), pairs(total)])
 
 
@@ -88,21 +87,22 @@ def estimate(
         allow_code: As in `generate`.
 
     Returns:
-        name, out, episodes, rows, shards, workers (the number of processes), and estimated bytes and seconds.
-        Of a folder of experiments, the sums, and `experiments`, a list of such dicts.
+        name, out, episodes, rows, shards, workers (the number of processes), estimated bytes and seconds, and
+        `action`: what `generate` would do with what is at `out`, or None; a URL is not looked at. Of a folder
+        of experiments, the sums, and `experiments`, a list of such dicts.
 
     Raises:
         IbdataError: As in `generate`.
     """
     refuse_workers(workers)
-    refuse_both(resume, overwrite)
+    mode = Mode.of(resume, overwrite)
     experiments = load_all(config, overrides, seed)
     for experiment in experiments:
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-    runs = []
-    for experiment, place in zip(experiments, places_of(config, experiments, out), strict=True):
-        _refuse_place(experiment, place, resume, overwrite)
-        runs.append(_estimate(experiment, place, workers))
+    runs = [
+        Estimate(_estimate(experiment, place, workers), action=_action(experiment, place, mode))
+        for experiment, place in zip(experiments, places_of(config, experiments, out), strict=True)
+    ]
     if not is_folder(config):
         return runs[0]
     total = {key: sum(run[key] for run in runs) for key in ("episodes", "rows", "shards", "bytes", "seconds")}
@@ -112,29 +112,32 @@ def estimate(
     )
 
 
-def _refuse_place(experiment: Experiment, place: Path | str, resume: bool, overwrite: bool) -> None:
-    """Raise what `generate` would raise at a place that holds neither a dataset nor a run."""
+def _action(experiment: Experiment, place: Path | str, mode: Mode) -> str | None:
+    """What `generate` would do at a place; None at a URL, which is not looked at."""
     if isinstance(place, str):
-        refuse_overwrite(place, overwrite)
-        return
-    with suppress(TakenError):
-        already_there(experiment, resolved(place), place, resume, overwrite)
+        refuse_overwrite(place, mode)
+        return None
+    target = Target(place)
+    try:
+        return decide(look(target, DatasetSpec.of(experiment), Part(target.path)), mode).value
+    except TakenError as error:
+        return f"stop: {error}"
 
 
-def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> Estimate:
+def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> dict[str, Any]:
     spec = DatasetSpec.of(planned)
     with process_for(spec) as process:
-        size, seconds = process.call(_sample)
+        bytes_per_row, seconds = process.call(_sample)
     shards = plan(planned)
     division = divide(spec, shards, workers)
     busy = min(division.processes * division.threads, len(shards), available_processors())
-    return Estimate(
+    return dict(
         name=planned.name,
         out=str(place),
         episodes=len(planned.cells) * planned.episodes,
         rows=planned.rows,
         shards=len(shards),
-        bytes=round(size * planned.rows),
+        bytes=round(bytes_per_row * planned.rows),
         seconds=seconds * planned.rows / busy,
         workers=division.processes,
     )
@@ -156,9 +159,10 @@ def _sample(spec: DatasetSpec) -> tuple[float, float]:
         first = part * (total - width) // max(1, parts - 1)
         shard = Shard(part, first, first + width, ())
         file = HashingFile(io.BytesIO())
-        floats = rollout(small, shard.first, shard.stop)
-        encode(small, shard, floats, file)
-        describe(DatasetSpec.of(small), shard, [(shard, floats)])
+        piece = Piece(small, shard, rollout(small, shard.first, shard.stop))
+        with parquet_writer(small, file) as parquet:
+            parquet.write_table(piece.arrow_table(), row_group_size=ROW_GROUP_ROWS)
+        describe(DatasetSpec.of(small), shard, [piece])
         size += file.size
     rows = parts * width * steps
     return size / rows, (time.perf_counter() - start) / rows

@@ -1,4 +1,9 @@
-"""Generating datasets: of an experiment, of each experiment in a folder, or a part of one."""
+"""Generating datasets: of an experiment, of each experiment in a folder, or a part of one.
+
+Several hosts can make a range of the shards each in one part, then one host finalizes it. Ranges share the
+lock of the part, which keeps out a run that needs it alone. Ranges that have shards in common make these
+twice, without harm: each file has a name of its own, and the last receipt counts.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +11,30 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ibdata.arguments import public
+from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import UsageError, notice
+from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.plan import Shard
 from ibdata.experiment.shipped import is_suite, shipped_name
 from ibdata.generation import upload
-from ibdata.generation.array_job import Range, make_range
-from ibdata.generation.engine import Run, select_engine
-from ibdata.generation.run import already_there, make_dataset, refuse_both, settle_left
-from ibdata.generation.target import refuse_name
-from ibdata.system.part import resolved
-from ibdata.system.storage import is_url, local, url_of
+from ibdata.generation.job import Job, recover, remove_published
+from ibdata.generation.process import process_for
+from ibdata.generation.record import Record, observe
+from ibdata.generation.target import Action, Mode, Target, damage, decide, refuse_name
+from ibdata.generation.workers import Engine, select_engine
+from ibdata.numerics.naming import counted
+from ibdata.system.part import Part, locked_part
+from ibdata.system.progress import Progress
+from ibdata.system.storage import is_url, local, refuse_url, url_of
+from ibdata.writing.shard import is_whole
+
+MAX_PARTS = 100_000
 
 
 @partial(public, keys=KEYS)
@@ -76,25 +89,24 @@ def generate(
         BusyError: Another process writes to the folder.
         IbdataError: The system refuses to write, or a worker fails.
     """
-    run = select_engine(engine, workers, address)
-    refuse_both(resume, overwrite)
-    own = None if shards is None else Range.parse(shards)
+    run, mode = select_engine(engine, workers, address), Mode.of(resume, overwrite)
+    shard_range = None if shards is None else Range.parse(shards)
     experiments, folder = load_all(config, overrides, seed), is_folder(config)
     places = places_of(config, experiments, out)
-    elsewhere = resume or own is not None or engine != "local"
+    elsewhere = resume or shard_range is not None or engine != "local"
     for experiment in experiments:
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code, again=elsewhere)
-    if own is not None:
+    if shard_range is not None:
         if folder or overwrite:
-            found = "a folder of experiments" if folder else "--overwrite"
-            raise UsageError(f"--shards: found {found} too, but these cannot be combined")
-        return make_range(own, experiments[0], places[0], run, progress)
+            problem = "a folder of experiments" if folder else "--overwrite"
+            raise UsageError(f"--shards: found {problem} too, but these cannot be combined")
+        return make_range(shard_range, experiments[0], places[0], run, Progress(progress))
     if not folder:
-        return _generate_one(experiments[0], places[0], run, resume, overwrite, progress)
+        return _generate_one(experiments[0], places[0], run, mode, Progress(progress))
     for experiment, place in zip(experiments, places, strict=True):
-        already_there(experiment, resolved(Path(place)), Path(place), resume, overwrite)
+        Job(Target(place), DatasetSpec.of(experiment), mode).is_there()
     return {
-        Path(place).name: _generate_one(experiment, place, run, resume, overwrite, progress)
+        Path(place).name: _generate_one(experiment, place, run, mode, Progress(progress))
         for experiment, place in zip(experiments, places, strict=True)
     }
 
@@ -127,19 +139,131 @@ def places_of(
 
 
 def _generate_one(
-    experiment: Experiment, place: Path | str, run: Run, resume: bool, overwrite: bool, progress: bool | None
+    experiment: Experiment, place: Path | str, engine: Engine, mode: Mode, progress: Progress
 ) -> Dataset:
+    spec = DatasetSpec.of(experiment)
     if isinstance(place, str):
         work, remote = upload.places(place, experiment)
-        if not upload.is_there(remote, experiment, work, resume, overwrite):
+        if decide(upload.look(remote, experiment, work, mode), mode) is not Action.OPEN:
             upload.drop_damaged(work)
-            make_dataset(experiment, work, Path(remote.name), run, resume, not resume, progress)
+            again = Mode.RESUME if mode is Mode.RESUME else Mode.OVERWRITE  # the folder is ibdata's own
+            Job(Target(work, Path(remote.name)), spec, again, progress).run(engine)
             upload.upload(remote, work)
         return Dataset(place)
-    target = resolved(place)
-    if already_there(experiment, target, place, resume, overwrite):
-        settle_left(target)
+    job = Job(Target(place), spec, mode, progress)
+    if job.is_there():
+        remove_published(job.target)
         notice(f"{place}: already there; nothing was written")
     else:
-        make_dataset(experiment, target, place, run, resume, overwrite, progress)
+        job.run(engine)
+    return Dataset(place)
+
+
+class Range(NamedTuple):
+    """One of several equal parts of a dataset's shards, counted from 1."""
+
+    part: int
+    parts: int
+
+    @classmethod
+    def parse(cls, text: str) -> Range:
+        """Parse `i/n`. Raises UsageError for anything else."""
+        part, slash, parts = str(text).partition("/")
+        whole = slash and all(x.isascii() and x.isdigit() and len(x) < 10 for x in (part, parts))
+        if not whole or not 1 <= int(part) <= int(parts) <= MAX_PARTS:
+            raise UsageError(
+                f"--shards: found {text!r}, expected i/n with i from 1 to n, such as 1/3, 2/3 and 3/3"
+            )
+        return cls(int(part), int(parts))
+
+    def __str__(self) -> str:
+        return f"{self.part}/{self.parts}"
+
+    def of(self, shards: list[Shard]) -> list[Shard]:
+        """The consecutive shards of the range. The sizes of ranges differ by at most one shard."""
+        n = len(shards)
+        return shards[n * (self.part - 1) // self.parts : n * self.part // self.parts]
+
+
+class PartMade(NamedTuple):
+    """A finished range: the dataset's folder, shards and rows, how many shards are missing, and the range."""
+
+    folder: Path
+    shards: int
+    rows: int
+    missing: int
+    range: str
+
+    def plain(self) -> dict[str, Any]:
+        """The fields as plain data for JSON."""
+        fields = self._asdict()
+        del fields["folder"], fields["range"]
+        return {**fields, "out": str(self.folder), "range": self.range}
+
+    def __repr__(self) -> str:
+        left = "all shards are complete"
+        if self.missing:
+            left = f"shards that are still missing: {self.missing:,}; when all are complete"
+        lines = [
+            f"{self.folder}: part {self.range} is complete: {counted(self.shards, 'shard')} with "
+            f"{counted(self.rows, 'row')}",
+            f"{left}, run ibdata finalize {self.folder}",
+        ]
+        if not self.shards:
+            lines.append("there are fewer shards than parts; a smaller output.shard_rows makes more")
+        return "\n".join(lines)
+
+
+def make_range(
+    shard_range: Range, experiment: Experiment, place: Path | str, engine: Engine, progress: Progress
+) -> PartMade:
+    """Make one part of a dataset's shards; `finalize` finishes the dataset when all parts are made.
+
+    Finished shards are not made again, so the same call continues a part that was stopped.
+    """
+    if isinstance(place, str):
+        raise UsageError(f"{place}: found a URL with --shards, expected a folder that all hosts share")
+    spec = DatasetSpec.of(experiment)
+    shards, missing = shard_range.of(spec.shards), 0
+    job = Job(Target(place), spec, Mode.RESUME, progress)
+    if not job.is_there():
+        with process_for(spec) as process:
+            job.record = process.call(observe)  # for up to a minute, while other hosts need the lock
+            with job.locked(shared=True):
+                if job.join() is not Action.OPEN:
+                    job.make(process, engine, shards)
+                    missing = len(spec.shards) - len(job.part.receipts)
+    return PartMade(place, len(shards), spec.rows_in(shards), missing, str(shard_range))
+
+
+@public
+def finalize(folder: str | os.PathLike[str]) -> Dataset:
+    """Complete a dataset whose parts `generate` has made with `shards`: check them, write the manifest.
+
+    No code of a policy is imported, because its hashes were noted when the run began.
+
+    Args:
+        folder: The folder of the dataset. A finished dataset is only opened.
+
+    Raises:
+        IbdataError: Shards are missing or are not what their receipts say.
+        UsageError: No run was begun here.
+        BusyError: Parts are still being made.
+    """
+    refuse_url(folder)
+    place, target = Path(folder), Target(folder)
+    if Record.read(Part(target.path).folder) is None:
+        if target.is_free:
+            raise UsageError(
+                f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
+            )
+        if problem := damage(manifest.read(target.path), target.size, place):
+            raise DatasetError(problem)
+        return Dataset(place)
+    with locked_part(target.path, place) as part:
+        recover(part)
+        job = Job.begun_in(part, target)
+        if job is not None:
+            target.refuse_taken()
+            job.finish(is_whole)
     return Dataset(place)

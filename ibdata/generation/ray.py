@@ -16,10 +16,11 @@ from ibdata.errors import IbdataError, missing
 from ibdata.experiment.code import user_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation.make_shard import make_shard
-from ibdata.generation.origin import agree
-from ibdata.generation.worker import Job, job_of, spec_of
+from ibdata.generation.process import WorkerTask
+from ibdata.generation.record import agree
+from ibdata.generation.workers import make_shard
 from ibdata.system import processes
+from ibdata.system.progress import unseen
 from ibdata.system.signals import STOPPING, check
 
 MAX_DEATHS = 3  # of workers, at one shard
@@ -53,15 +54,15 @@ def run(
     """
     ray = library()
     with _connected(ray, workers, address) as own:
-        task = ray.remote(max_retries=MAX_DEATHS, **_own_workers(spec, root))(_work)
-        job = ray.put(job_of(spec, root))
+        work = ray.remote(max_retries=MAX_DEATHS, **_own_workers(spec, root))(_work)
+        task = ray.put(WorkerTask.of(spec, root))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
         try:
             while True:
                 while len(running) < most and (shard := next(waiting, None)) is not None:
-                    running[task.remote(job, shard)] = shard
+                    running[work.remote(task, shard)] = shard
                 if not running:
                     return
                 done, _ = ray.wait(list(running), timeout=POLL)
@@ -100,22 +101,22 @@ def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}
 
 
-_specs: dict[Path, DatasetSpec] = {}  # of this worker, which has compared its origin with that of the run
+_specs: dict[Path, DatasetSpec] = {}  # of this worker, which has compared its record with that of the run
 
 
-def _work(job: Job, shard: Shard) -> None:
+def _work(task: WorkerTask, shard: Shard) -> None:
     """Make a shard in a worker."""
-    root = cast(Path, job.root)
+    root = cast(Path, task.root)
     if not os.path.isdir(root):
         raise IbdataError(
             f"{root.parent}: not found on a host of Ray, expected a folder that all hosts share"
         )
     processes.purpose = "worker"
     if root not in _specs:
-        spec = spec_of(job)
+        spec = task.dataset_spec()
         agree(spec, root)
         _specs[root] = spec
-    make_shard(_specs[root], shard, root, True, None, lambda number, rows: None)
+    make_shard(_specs[root], shard, root, True, None, unseen)
 
 
 @contextmanager

@@ -11,10 +11,9 @@ import shutil
 from pathlib import Path
 
 from ibdata.dataset import manifest
-from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.generation.target import refuse_incomplete, refuse_name
+from ibdata.generation.target import At, Found, Mode, damage, is_of, refuse_name
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.signals import check, stoppable
 from ibdata.system.storage import Remote, Storage, reason
@@ -27,50 +26,46 @@ def places(url: str, experiment: Experiment) -> tuple[Path, Remote]:
     return Path(cache_folders().folders[-1], "uploads", identity, "dataset"), remote
 
 
-def is_there(remote: Remote, experiment: Experiment, work: Path, resume: bool, overwrite: bool) -> bool:
-    """Whether the dataset of an experiment is at the URL.
+def look(remote: Remote, experiment: Experiment, work: Path, mode: Mode) -> Found:
+    """What is at a URL. With `--resume`, files of an upload that failed are nothing.
 
-    Raises UsageError if other files are there; those of an upload that failed are allowed with `resume`.
+    Raises UsageError if no dataset can appear there, and DatasetError if it cannot be read.
     """
-    refuse_overwrite(remote.name, overwrite)
+    refuse_overwrite(remote.name, mode)
     refuse_name(remote.parts, remote.name)
     if remote.folder is not None:
         manifest.refuse_inside(remote.folder)
     try:
-        found = remote.sizes()
+        sizes = remote.sizes()
     except OSError as error:
         raise DatasetError(f"{remote.name}: cannot be read: {reason(error)}") from None
-    listed = _manifest(remote, resume) if manifest.PATH in found else None
-    if listed is not None:
-        recorded = listed.entries().get(manifest.EXPERIMENT)
-        if recorded is None or recorded.sha256 != hashlib.sha256(as_yaml(experiment)).hexdigest():
-            raise UsageError(f"{remote.name}: holds the dataset of another experiment; choose another --out")
-        refuse_incomplete(listed, found.get, remote.name)
-        return True
-    if found and not (resume and found.keys() <= _files(work)):
-        raise UsageError(
-            f"{remote.name}: holds files, but no finished dataset, such as {min(found)}; --resume repeats an "
-            "upload that failed on this machine; otherwise remove them, or choose another --out"
+    found = Found(remote.name, At.FREE)
+    if manifest.PATH in sizes:
+        try:
+            listed = manifest.read(remote)
+        except DatasetError:
+            if mode is not Mode.RESUME:
+                raise
+        else:
+            if is_of(listed, experiment):
+                return found._replace(at=At.SAME, damage=damage(listed, sizes.get, remote.name))
+            why = "holds the dataset of another experiment; choose another --out"
+            return found._replace(at=At.OTHER, why=why)
+    if sizes and not (mode is Mode.RESUME and sizes.keys() <= _files(work)):
+        why = (
+            f"holds files, but no finished dataset, such as {min(sizes)}; --resume repeats an upload that "
+            "failed on this machine; otherwise remove them, or choose another --out"
         )
-    return False
+        return found._replace(at=At.FOREIGN, why=why)
+    return found
 
 
-def refuse_overwrite(url: str, overwrite: bool) -> None:
+def refuse_overwrite(url: str, mode: Mode) -> None:
     """Raise UsageError where a dataset at a URL is to be replaced."""
-    if overwrite:
+    if mode is Mode.OVERWRITE:
         raise UsageError(
             f"{hidden(url)}: --overwrite is for folders; remove what is there, or choose another --out"
         )
-
-
-def _manifest(remote: Remote, resume: bool) -> Manifest | None:
-    """The manifest at the URL. With `resume`, one that is damaged counts as part of an upload that failed."""
-    try:
-        return manifest.read(remote)
-    except DatasetError:
-        if not resume:
-            raise
-        return None
 
 
 def _files(work: Path) -> set[str]:

@@ -1,4 +1,4 @@
-"""Making the shards of a run in threads, each of which makes them itself or has a process for it."""
+"""Making the shards of a run, in threads that make them here or in processes, or on Ray."""
 
 from __future__ import annotations
 
@@ -6,24 +6,61 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
 
+from ibdata.errors import UsageError
 from ibdata.experiment.code import customs, live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation.make_shard import make_shard
-from ibdata.generation.worker import Process, Tell, Worker
+from ibdata.experiment.rollout import TableBuffer
+from ibdata.generation.process import Process, Progress, Worker
 from ibdata.system.processes import available_processors
 from ibdata.system.signals import check, held
+from ibdata.writing.columns import simulated
+from ibdata.writing.shard import DATASET, shard_writer, write_receipt
 
+ENGINES = ("local", "ray")
+MAX_WORKERS = 1024
 # Threads of a process share Python's lock, which a thread that makes a shard holds for an eighth of its time.
 MOST_THREADS = 4
 # A process starts in more than a second. In that time, two threads make 3 million rows.
 ROWS_WORTH_PROCESSES = 20_000_000
 LOOK = 0.2  # seconds between looks for a signal
-Make = Callable[[Shard, Tell], None]
+
+Reach = Callable[[int, int], object]  # called with the number of a shard and its rows that are made so far
+# Makes shards in a part, and yields the number of each that is finished. The process has the code of the
+# dataset's custom policies.
+Engine = Callable[[Process, list[Shard], Path, Reach], Iterator[int]]
+Maker = Callable[[Shard, Progress], None]
+
+
+def select_engine(name: str, workers: int | None, address: str | None) -> Engine:
+    """The engine with a name.
+
+    Raises:
+        UsageError: The name, the number of workers or the address is invalid.
+        IbdataError: The engine's library is not installed.
+    """
+    if name not in ENGINES:
+        raise UsageError(f"engine: found {name!r}, expected one of {', '.join(ENGINES)}")
+    refuse_workers(workers)
+    if name == "ray":
+        from ibdata.generation import ray
+
+        ray.library()
+        return lambda process, shards, root, reach: ray.run(process.spec, shards, root, workers, address)
+    if address is not None:
+        raise UsageError(f"address: found {address!r}, which is only for the engine ray")
+    return lambda process, shards, root, reach: run(process, shards, root, workers, reach)
+
+
+def refuse_workers(workers: int | None) -> None:
+    """Raise UsageError for a number of workers that is out of range; None chooses it by the work."""
+    if workers is not None and not 1 <= workers <= MAX_WORKERS:
+        raise UsageError(f"workers: found {workers!r}, expected a whole number in [1, {MAX_WORKERS}]")
 
 
 class Division(NamedTuple):
@@ -45,19 +82,20 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
         shards: The shards to make.
         workers: The number of processes; None chooses it by the work.
     """
-    processors, custom = available_processors(), bool(customs(spec))
     if live_objects(spec):
         return Division(1, 1)
+    processors, own_code = available_processors(), bool(customs(spec))
     if workers is None:
-        rows = sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards)
-        many = custom or (processors > MOST_THREADS and rows >= ROWS_WORTH_PROCESSES)
+        many = own_code or (processors > MOST_THREADS and spec.rows_in(shards) >= ROWS_WORTH_PROCESSES)
         workers = processors if many else 1
     processes = max(1, min(workers, len(shards)))
-    threads = 1 if custom else min(MOST_THREADS, max(1, processors // processes))
+    threads = 1 if own_code else min(MOST_THREADS, max(1, processors // processes))
     return Division(processes, threads)
 
 
-def run(process: Process, shards: list[Shard], root: Path, workers: int | None, tell: Tell) -> Iterator[int]:
+def run(
+    process: Process, shards: list[Shard], root: Path, workers: int | None, reach: Reach
+) -> Iterator[int]:
     """Make shards, and yield the number of each when it and its receipt are on the disk, in any order.
 
     Args:
@@ -65,7 +103,7 @@ def run(process: Process, shards: list[Shard], root: Path, workers: int | None, 
         shards: The shards to make.
         root: The part in which the dataset is made.
         workers: The number of processes; None chooses it by the work.
-        tell: Called after each piece of a shard, perhaps in another thread.
+        reach: Called after each piece of a shard, perhaps in another thread.
 
     Raises:
         IbdataError: A worker process ended, or a shard cannot be made.
@@ -74,12 +112,12 @@ def run(process: Process, shards: list[Shard], root: Path, workers: int | None, 
         return
     spec, division = process.spec, divide(process.spec, shards, workers)
     at_once = division.processes if division.processes > 1 else min(division.threads, len(shards))
-    makers: SimpleQueue[Make] = SimpleQueue()
+    makers: SimpleQueue[Maker] = SimpleQueue()
 
     def make(shard: Shard) -> int:
         maker = makers.get()
         try:
-            maker(shard, tell)
+            maker(shard, partial(reach, shard.number))
         finally:
             makers.put(maker)  # for those that wait, which are about to be stopped if this one failed
         return shard.number
@@ -107,5 +145,48 @@ def run(process: Process, shards: list[Shard], root: Path, workers: int | None, 
                 yield future.result()
 
 
-def _maker(process: Process, root: Path, overlap: bool, stopped: threading.Event | None) -> Make:
-    return lambda shard, tell: process.call(make_shard, shard, root, overlap, stopped, tell=tell)
+def _maker(process: Process, root: Path, overlap: bool, stopped: threading.Event | None) -> Maker:
+    return lambda shard, progress: process.call(make_shard, shard, root, overlap, stopped, progress=progress)
+
+
+class Stopped(Exception):
+    """Another thread asked to stop."""
+
+
+_of_thread = threading.local()  # what a thread keeps from one shard to the next: its `memory`
+
+
+def make_shard(
+    spec: DatasetSpec,
+    shard: Shard,
+    root: Path,
+    overlap: bool,
+    stopped: threading.Event | None,
+    progress: Progress,
+) -> None:
+    """Simulate a shard and write it piece by piece, then its receipt.
+
+    Args:
+        spec: What the shard belongs to.
+        shard: The shard.
+        root: The part in which the dataset is made.
+        overlap: Whether to encode and summarize a piece in threads while the next is simulated.
+        stopped: Set by another thread to end the work early, or None.
+        progress: Called after each piece.
+
+    Raises:
+        Stopped: `stopped` was set.
+    """
+    memory = None
+    if not overlap:  # a piece is written before the next is simulated
+        memory = _of_thread.memory = getattr(_of_thread, "memory", None) or TableBuffer()
+    with shard_writer(spec, shard, root / DATASET, overlap) as writer:
+        for piece in simulated(spec, shard, memory):
+            if stopped is not None and stopped.is_set():
+                raise Stopped
+            writer.add(piece)
+            rows = (piece.episodes.stop - shard.first) * piece.experiment.steps
+            del piece  # so that it is not in memory beside the next
+            progress(rows)
+        written = writer.finish()
+    write_receipt(root, written)

@@ -19,8 +19,8 @@ from ibdata.system.storage import existing, local
 from ibdata.version import __version__
 from ibdata.writing.card import card as readme
 from ibdata.writing.edited import keep_edited, sealed
+from ibdata.writing.finish import refuse_other_plan
 from ibdata.writing.metadata import unread_shards
-from ibdata.writing.planned import refuse_other_plan
 
 
 @public

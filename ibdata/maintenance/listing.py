@@ -14,7 +14,7 @@ from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment import load
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.split_schemes import setpoints
-from ibdata.generation import origin
+from ibdata.generation.record import EXPERIMENT, Record
 from ibdata.numerics.naming import counted, exact, size
 from ibdata.system.part import Part
 from ibdata.system.storage import local
@@ -112,7 +112,7 @@ def _listed(root: Path) -> Iterator[Listed]:
         for name in below:
             if name.startswith(".") and name.endswith(".part"):
                 part = Part(Path(place, name[1:].removesuffix(".part")))
-                if origin.read(part.folder) is not None:
+                if Record.read(part.folder) is not None:
                     yield _unfinished(part)
         below[:] = [
             name for name in below if not name.startswith(".") and _is_new(root, Path(place, name), seen)
@@ -143,7 +143,7 @@ def _finished(path: Path) -> Listed:
 
 def _unfinished(part: Part) -> Listed:
     try:
-        spec = DatasetSpec.of(load(part.folder / origin.EXPERIMENT))
+        spec = DatasetSpec.of(load(part.folder / EXPERIMENT))
     except IbdataError:
         return Listed(part.target, "unfinished, damaged", None, None, [], [], _size(part.folder), None)
     done, shards = part.progress or (0, len(spec.shards))

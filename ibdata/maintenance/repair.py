@@ -13,25 +13,20 @@ from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.plan import Shard
-from ibdata.generation import receipt
-from ibdata.generation.engine import refuse_workers
-from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.generation.worker import process_for
-from ibdata.generation.workers import run
+from ibdata.generation.process import process_for
+from ibdata.generation.record import known_answer, warm_up
+from ibdata.generation.workers import refuse_workers, run
 from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, write
 from ibdata.system.part import Part, locked_part, resolved
-from ibdata.system.progress import unseen
+from ibdata.system.progress import Progress
 from ibdata.system.signals import check
 from ibdata.system.storage import existing, local, storage
 from ibdata.validation.checks import check_shard, splits_problems
 from ibdata.validation.validate import unlisted_files, validate
 from ibdata.writing import metadata
-from ibdata.writing.finish import metadata_files, rewritten_manifest
-from ibdata.writing.planned import refuse_other_plan
-from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import UNREAD, content_of
+from ibdata.writing.finish import NEED_CONTENT, metadata_files, refuse_other_plan, rewritten_manifest
+from ibdata.writing.shard import DATASET, UNREAD, WrittenShard, all_written, content_of
 
-NEED_CONTENT = {"meta/episodes.parquet", "meta/statistics.json"}
 REPAIR = "repair"  # the folder of a part in which shards are made again
 
 
@@ -131,7 +126,7 @@ def _repaired(
     wrong: list[Shard] = []
     for shard, one in zip(spec.shards, listed.shards, strict=True):
         content = UNREAD
-        if one.path in broken or NEED_CONTENT & set(broken):
+        if one.path in broken or not set(broken).isdisjoint(NEED_CONTENT):
             found, _ = check_shard(spec, shard, folder, one.path)
             if found is None or content_of(found.digests) != one.content:
                 wrong.append(shard)
@@ -142,14 +137,11 @@ def _repaired(
         check()
     for made in _made_again(part.folder / REPAIR, spec, wrong, listed, workers, allow_code, folder):
         path = listed.shards[made.shard.number].path
-        _move(part.folder / REPAIR / receipt.DATASET / made.entry.path, folder / path)
+        _move(part.folder / REPAIR / DATASET / made.entry.path, folder / path)
         entries[path] = made.entry._replace(path=path)
         written[made.shard.number] = made._replace(entry=entries[path])
-    complete = all(w.content is not UNREAD for w in written)
-    episodes = metadata.episodes_table(spec, written) if complete else None
-    for path, make in metadata_files(spec, written, episodes).items():
-        if path in broken:
-            entries[path] = write(folder, path, make())
+    for path, data in metadata_files(broken, spec, written):
+        entries[path] = write(folder, path, data)
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         notice(f"{folder}: splits that were made later are lost; make them again")
@@ -171,11 +163,12 @@ def _made_again(
     require_consent(spec, folder, allow_code, again=True)
     remove(root)  # that of a repair that was killed
     root.mkdir()
-    (root / receipt.DATASET).mkdir()
+    (root / DATASET).mkdir()
     with process_for(spec) as process:
         process.call(_warm_up)
-        list(run(process, wrong, root, workers, lambda number, rows: unseen(rows)))
-    made = receipt.all_of(root, wrong, folder, "no shard was changed; repair again")
+        for _ in run(process, wrong, root, workers, Progress().reach):
+            pass
+    made = all_written(root, wrong, folder, "no shard was changed; repair again")
     for each in made:
         one = listed.shards[each.shard.number]
         if content_of(each.content.digests) != one.content:

@@ -14,15 +14,13 @@ from ibdata.errors import UsageError, notice
 from ibdata.experiment.code import changed_here, consented_spec, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.generation.warm_up import known_answer, warm_up
-from ibdata.generation.worker import process_for
+from ibdata.generation.process import process_for
+from ibdata.generation.record import known_answer, warm_up
 from ibdata.system.storage import existing, local
 from ibdata.validation.rules import Problem
 from ibdata.validation.validate import changed_files
-from ibdata.writing.arrow import digest_runs
-from ibdata.writing.finish import root_of
-from ibdata.writing.planned import refuse_other_plan
-from ibdata.writing.summary import simulated
+from ibdata.writing.columns import simulated
+from ibdata.writing.finish import refuse_other_plan, root_of
 
 
 @public
@@ -79,14 +77,12 @@ def _made_again(spec: DatasetSpec, asked: list[Shard], digests: list[bytes]) -> 
     for experiment in spec.experiments:
         warm_up(experiment)
     known_answer("episodes made again may differ")
-    for part, floats in (made for run in asked for made in simulated(spec, run)):
-        experiment = spec.of_shard(part)
-        lengths = [experiment.steps] * (part.stop - part.first)
-        clipped += floats.clipped
-        found = enumerate(
-            episode_digests(digest_runs(experiment, part, floats), lengths), part.first + part.offset
-        )
-        differing += [episode for episode, digest in found if digest != digests[episode]]
+    for piece in (piece for shard in asked for piece in simulated(spec, shard)):
+        shard = piece.episodes
+        lengths = [piece.experiment.steps] * (shard.stop - shard.first)
+        clipped += piece.floats.clipped
+        again = enumerate(episode_digests(piece.digest_columns(), lengths), shard.first + shard.offset)
+        differing += [episode for episode, digest in again if digest != digests[episode]]
     return clipped, differing
 
 

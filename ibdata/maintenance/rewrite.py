@@ -16,19 +16,16 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.rollout import Columns
-from ibdata.generation.publish import publish
-from ibdata.generation.receipt import DATASET
-from ibdata.generation.target import refuse_taken
+from ibdata.generation.job import publish
+from ibdata.generation.target import Target
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url
 from ibdata.writing import metadata
-from ibdata.writing.finish import finish
-from ibdata.writing.planned import refuse_other_plan
-from ibdata.writing.shard_writer import WrittenShard, shard_writer, writing_threads
-from ibdata.writing.stored import BATCH_ROWS, stored_parts
+from ibdata.writing.columns import BATCH_ROWS, Piece, stored_pieces
+from ibdata.writing.finish import finish, refuse_other_plan
+from ibdata.writing.shard import DATASET, WrittenShard, shard_writer
 
 
 class Source(NamedTuple):
@@ -51,11 +48,11 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     lists; nothing is left behind then.
     """
     refuse_url(out)
-    place, target = Path(out), resolved(out)
-    refuse_taken(target, place)
-    with locked_part(target, place) as part:
+    target = Target(out)
+    target.refuse_taken()
+    with locked_part(target.path, target.name) as part:
         if part.receipts:
-            raise UsageError(f"{place}: holds an unfinished run of generate; choose another --out")
+            raise UsageError(f"{target.name}: holds an unfinished run of generate; choose another --out")
         part.clear()
         made = part.folder / DATASET
         made.mkdir()
@@ -67,27 +64,25 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
         code = [each for one in listed for each in one.code]
         clipped = sum(one.clipped_actions for one in listed)
         finish(spec, written, made, all(one.reproducible for one in listed), code, clipped)
-        refuse_taken(target, place)  # somebody may have put files there meanwhile
+        target.refuse_taken()  # somebody may have put files there meanwhile
         publish(part)
-    return Dataset(place)
+    return Dataset(target.name)
 
 
 def _copied(spec: DatasetSpec, shard: Shard, source: Source, folder: Path) -> WrittenShard:
     """Copy a shard's episodes from a source, and check that they are those that it lists."""
-    with writing_threads() as threads, shard_writer(spec, shard, folder, threads) as writer:
-        for part, floats in _parts(spec, shard, source):
-            writer.add(part, floats)
+    with shard_writer(spec, shard, folder) as writer:
+        for piece in _pieces(spec, shard, source):
+            writer.add(piece)
         w = writer.finish()
         _refuse_changed(w, source)
     return w
 
 
-def _parts(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[tuple[Shard, Columns]]:
+def _pieces(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[Piece]:
     """Read the float columns of a shard's episodes from the files of the source that hold them."""
-    experiment = spec.of_shard(shard)
     try:
-        for part, floats, _ in stored_parts(spec, shard, _batches(experiment, shard, source)):
-            yield part, floats
+        yield from stored_pieces(spec, shard, _batches(spec.of_shard(shard), shard, source))
     except ValueError as error:
         if isinstance(error, IbdataError):
             raise

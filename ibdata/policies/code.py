@@ -1,6 +1,6 @@
 """The code of custom policies: where it is, how it is imported, and which line of it failed.
 
-A run imports it in a process that has imported none before, see `ibdata.generation.worker`.
+A run imports it in a process that has imported none before, see `ibdata.generation.process`.
 """
 
 from __future__ import annotations

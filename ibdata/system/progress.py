@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -33,3 +34,26 @@ def bar(progress: bool | None, total: int, unit: str, what: str | None = None) -
 
     with tqdm(total=total, desc=what, unit=f" {unit}", unit_scale=True) as shown:
         yield shown.update
+
+
+class Progress:
+    """How far a run is, whose shards are made at the same time, in any order."""
+
+    def __init__(self, shown: bool | None = False) -> None:
+        """`shown` is as in `bar`."""
+        self._shown = shown
+        self._advance: Advance = unseen
+        self._lock, self._rows = threading.Lock(), dict[int, int]()
+
+    @contextmanager
+    def bar(self, rows: int, done: int) -> Iterator[None]:
+        """Show a bar for a number of rows, of which some are made already, while the block runs."""
+        with bar(self._shown, rows, "transitions") as self._advance:
+            self._advance(done)
+            yield
+
+    def reach(self, shard: int, rows: int) -> None:
+        """Move the bar to the rows of a shard, by its number, that are made."""
+        with self._lock:
+            self._advance(rows - self._rows.get(shard, 0))
+            self._rows[shard] = rows

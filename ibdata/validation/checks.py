@@ -28,11 +28,9 @@ from ibdata.system.progress import Advance, unseen
 from ibdata.system.storage import storage
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.writing import metadata
-from ibdata.writing.finish import experiment_files
-from ibdata.writing.planned import first_difference
-from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.stored import Part, stored_parts
-from ibdata.writing.summary import ShardSummarizer, ShardSummary
+from ibdata.writing.columns import Piece, stored_pieces
+from ibdata.writing.finish import experiment_files, first_difference
+from ibdata.writing.shard import ShardSummarizer, ShardSummary, WrittenShard
 
 PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes
 
@@ -68,11 +66,11 @@ def check_shard(
         batches = parquet.batches(place, path, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
             before: Future[None] | None = None
-            for part in stored_parts(spec, shard, batches, PART_ROWS):
+            for piece in stored_pieces(spec, shard, batches, PART_ROWS):
                 if before:
                     before.result()
-                before = checking.submit(_check, experiment, shard, part, summarizer, broken)
-                advance((part.episodes.stop - part.episodes.first) * experiment.steps)
+                before = checking.submit(_check, experiment, shard, piece, summarizer, broken)
+                advance((piece.episodes.stop - piece.episodes.first) * experiment.steps)
             if before:
                 before.result()
     except DatasetError as error:
@@ -106,36 +104,36 @@ class _BrokenRules:
 def _check(
     experiment: Experiment,
     shard: Shard,
-    part: Part,
+    piece: Piece,
     summarizer: ShardSummarizer,
     broken: _BrokenRules,
 ) -> None:
     """Add a part to the summary, and the rules that it breaks to those found."""
-    first = row = (part.episodes.first - shard.first) * experiment.steps
+    first = row = (piece.episodes.first - shard.first) * experiment.steps
     whole = True
-    for batch in part.others:
+    for batch in piece.others:
         missing = list(nulls(batch))
         broken.add("nulls", row, missing)
         whole, row = whole and not missing, row + batch.num_rows
     if whole:
-        rows = _rows(experiment, part, summarizer.add(part.episodes, part.floats))
+        rows = _rows(experiment, piece, summarizer.add(piece))
         for name, rule in RULES.items():
             broken.add(name, first, rule(rows))
 
 
-def _rows(experiment: Experiment, part: Part, described: Moments) -> Rows:
-    columns_by_name = dict(zip(part.floats.names, part.floats.table, strict=True))
+def _rows(experiment: Experiment, piece: Piece, described: Moments) -> Rows:
+    columns_by_name = dict(zip(piece.floats.names, piece.floats.table, strict=True))
     for name in ("episode", "step", "terminated", "truncated"):
-        columns_by_name[name] = pa.chunked_array([batch[name] for batch in part.others]).to_numpy()
+        columns_by_name[name] = pa.chunked_array([batch[name] for batch in piece.others]).to_numpy()
     columns_by_name["policy"] = np.concatenate(
-        [_labels(batch["policy"], experiment.labels) for batch in part.others]
+        [_labels(batch["policy"], experiment.labels) for batch in piece.others]
     )
     ranges = {
         name: (float(described.low[i]), float(described.high[i]))
-        for i, name in enumerate(part.floats.names)
+        for i, name in enumerate(piece.floats.names)
         if np.isfinite(described.squares[i])
     }
-    return Rows(experiment, part.episodes, columns(experiment), columns_by_name, ranges)
+    return Rows(experiment, piece.episodes, columns(experiment), columns_by_name, ranges)
 
 
 def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:

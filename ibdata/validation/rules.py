@@ -18,7 +18,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.rollout import log_densities
-from ibdata.writing.arrow import index_columns, policy_numbers
+from ibdata.writing.columns import index_columns, policy_numbers
 
 Array = npt.NDArray[Any]
 

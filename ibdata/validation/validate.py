@@ -15,10 +15,8 @@ from ibdata.system.progress import Advance, bar, unseen
 from ibdata.system.storage import existing, storage
 from ibdata.validation.checks import check_shard, metadata_problems, splits_problems
 from ibdata.validation.rules import Findings, Problem
-from ibdata.writing.finish import root_of
-from ibdata.writing.planned import plan_problems
-from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import content_of
+from ibdata.writing.finish import plan_problems, root_of
+from ibdata.writing.shard import WrittenShard, content_of
 
 
 @public

@@ -18,7 +18,7 @@ from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
 from ibdata.writing.edited import sealed
 from ibdata.writing.metadata import info, splits
-from ibdata.writing.shard_writer import WrittenShard
+from ibdata.writing.shard import WrittenShard
 
 SOURCES = {
     "siemens": "the authors' published Python code",

@@ -1,10 +1,13 @@
-"""Finishing a dataset: write its card, its metadata and, last, the manifest."""
+"""Finishing a dataset: write its card, its metadata and, last, the manifest.
+
+What a manifest lists must follow from its experiments; `plan_problems` checks that.
+"""
 
 from __future__ import annotations
 
+import json
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,10 @@ import pyarrow as pa
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.models import Code, File, Manifest, ShardEntry
+from ibdata.dataset.stored import EPISODES, INFO, STATISTICS
+from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment.code import user_objects
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
@@ -23,9 +29,9 @@ from ibdata.system.files import FileEntry, write_new
 from ibdata.version import __version__
 from ibdata.writing import metadata
 from ibdata.writing.card import card
-from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import content_of
+from ibdata.writing.shard import WrittenShard, content_of
 
+NEED_CONTENT = (EPISODES, STATISTICS)
 UNSEALED = "0" * 64  # stands for the checksum until all else is known
 
 
@@ -50,8 +56,8 @@ def finish(
     root = root_of(spec, ((w.shard, w.content.digests) for w in written))
     episodes = metadata.episodes_table(spec, written)
     entries = [w.entry for w in written]
-    for path, make in metadata_files(spec, written, episodes).items():
-        entries.append(write_new(folder, path, make()))
+    for path, data in metadata_files(metadata_paths(spec), spec, written, episodes):
+        entries.append(write_new(folder, path, data))
     write_new(folder, manifest.SPLITS, metadata.splits_file(spec))
     write_new(folder, manifest.CARD, card(spec, written, root, episodes))
     listed = manifest.sealed(
@@ -85,27 +91,39 @@ def finish(
 def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
     """The manifest's entry for a shard, without its path and its content."""
     return {
-        "rows": (shard.stop - shard.first) * spec.of_shard(shard).steps,
+        "rows": spec.rows_in([shard]),
         "experiment": shard.experiment,
         "episodes": [shard.first + shard.offset, shard.stop + shard.offset],
         "splits": list(shard.splits),
     }
 
 
-def metadata_files(
-    spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
-) -> dict[str, Callable[[], bytes]]:
-    """Functions that make the files in `meta` that the manifest lists, by path.
+def metadata_paths(spec: DatasetSpec) -> list[str]:
+    """The paths of the files in `meta` that the manifest lists."""
+    weights = (f"meta/{name}" for name in spec.weights)
+    return [*NEED_CONTENT, INFO, *experiment_files(spec), *weights]
 
-    That for statistics.json needs the content of the shards, that for episodes.parquet the table `episodes`.
+
+def metadata_files(
+    paths: Container[str], spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
+) -> Iterator[tuple[str, bytes]]:
+    """The bytes of those files in `meta` that have these paths.
+
+    Those of NEED_CONTENT need the content of the shards; the table `episodes` is made of it by default.
     """
-    return {
-        "meta/dataset.json": lambda: metadata.as_json(metadata.info(spec)),
-        "meta/episodes.parquet": lambda: metadata.episodes_parquet(episodes),
-        "meta/statistics.json": lambda: metadata.as_json(metadata.statistics(spec, written)),
-        **{path: partial(as_yaml, e) for path, e in experiment_files(spec).items()},
-        **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
-    }
+    if INFO in paths:
+        yield INFO, metadata.as_json(metadata.info(spec))
+    if EPISODES in paths:
+        table = metadata.episodes_table(spec, written) if episodes is None else episodes
+        yield EPISODES, metadata.episodes_parquet(table)
+    if STATISTICS in paths:
+        yield STATISTICS, metadata.as_json(metadata.statistics(spec, written))
+    for path, experiment in experiment_files(spec).items():
+        if path in paths:
+            yield path, as_yaml(experiment)
+    for name, data in spec.weights.items():
+        if f"meta/{name}" in paths:
+            yield f"meta/{name}", data
 
 
 def experiment_files(spec: DatasetSpec) -> dict[str, Experiment]:
@@ -149,3 +167,52 @@ def episode_addresses(
     experiment = spec.of_shard(shard)
     for i, digest in enumerate(digests, shard.first):
         yield experiment.cells[i // experiment.episodes].digest, i % experiment.episodes, digest
+
+
+def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
+    """Raise DatasetError if what a manifest lists does not follow from its experiments."""
+    for rule, message in plan_problems(spec, listed):
+        raise DatasetError(f"{manifest.PATH}: {rule}: {message}; see ibdata validate")
+
+
+def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, str]]:
+    """The rules that a manifest breaks, each with what was found and expected."""
+    shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
+    files = {file.path for file in listed.files} - {manifest.REPORT}
+    targets = list(dict.fromkeys(code.target for code in listed.code))
+    for rule, found, expected in (
+        ("experiments", {"shards": shards}, {"shards": [planned_entry(spec, each) for each in spec.shards]}),
+        ("rows", listed.rows, spec.rows),
+        ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_paths(spec)})),
+        ("code", targets, list(dict.fromkeys(policy.code_target for policy in user_objects(spec)))),
+    ):
+        if message := first_difference(found, expected):
+            yield rule, message
+    if listed.clipped_actions > listed.rows:
+        yield "counts", f"clipped_actions: found {listed.clipped_actions}, expected at most one per row"
+    if listed.code and listed.reproducible is True:
+        yield "code", 'reproducible: found true, expected "same-environment" or false for custom policies'
+
+
+def first_difference(found: Any, expected: Any, *keys: object) -> str | None:
+    """Describe the first difference of JSON data, which are at `keys`; None if they are equal.
+
+    >>> first_difference({"a": [1, 2]}, {"a": [1, 3]})
+    'a.1: found 2, expected 3'
+    """
+    pairs: Iterable[tuple[object, Any, Any]] = ()
+    if isinstance(found, dict) and isinstance(expected, dict):
+        pairs = [(key, found.get(key), expected.get(key)) for key in {**expected, **found}]
+    elif isinstance(found, list) and isinstance(expected, list) and len(found) == len(expected):
+        pairs = zip(range(len(found)), found, expected, strict=True)
+    elif found != expected or isinstance(found, bool) != isinstance(expected, bool):
+        place = f"{'.'.join(map(str, keys))}: " if keys else ""
+        return f"{place}found {_shown(found)}, expected {_shown(expected)}"
+    for key, a, b in pairs:
+        if inner := first_difference(a, b, *keys, key):
+            return inner
+    return None
+
+
+def _shown(value: Any) -> str:
+    return f"{len(value)} values" if isinstance(value, list) else json.dumps(value)[:60]

@@ -30,9 +30,8 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Run
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.rollout import acting_in
 from ibdata.experiment.scenario import Cell
-from ibdata.writing.arrow import arrow_array, arrow_strings, arrow_texts
-from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import UNREAD, ShardSummary
+from ibdata.writing.columns import arrow_array, arrow_strings, arrow_texts
+from ibdata.writing.shard import UNREAD, ShardSummary, WrittenShard
 
 
 def as_json(data: Any) -> bytes:
@@ -77,7 +76,7 @@ def _declared(spec: DatasetSpec, name: str) -> SplitEntry:
     shards = [shard for shard in spec.shards if name in shard.splits]
     return SplitEntry(
         episodes=sum(shard.stop - shard.first for shard in shards),
-        rows=sum((shard.stop - shard.first) * spec.of_shard(shard).steps for shard in shards),
+        rows=spec.rows_in(shards),
         declared=True,
     )
 

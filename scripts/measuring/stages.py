@@ -11,7 +11,7 @@ from ibdata.dataset.statistics import moments
 from ibdata.experiment.columns import columns
 from ibdata.experiment.plan import plan
 from ibdata.experiment.rollout import rollout
-from ibdata.writing.arrow import ROW_GROUP_ROWS, arrow_schema, arrow_table, digest_runs, writer_options
+from ibdata.writing.columns import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
 from measuring.timing import MILLION, Row, described, paired
 
 
@@ -19,8 +19,8 @@ def stages() -> list[Row]:
     """The time of each stage from the simulation to a file on the disk, in ns per transition."""
     experiment = described(MILLION)
     (shard,) = plan(experiment)
-    floats = rollout(experiment, 0, shard.stop)
-    rows = arrow_table(experiment, shard, floats)
+    piece = Piece(experiment, shard, rollout(experiment, 0, shard.stop))
+    rows = piece.arrow_table()
     kinds = columns(experiment)
     lengths = [experiment.steps] * shard.stop
 
@@ -40,10 +40,10 @@ def stages() -> list[Row]:
 
     calls = {
         "simulate": lambda: rollout(experiment, 0, shard.stop),
-        "columns into Arrow": lambda: arrow_table(experiment, shard, floats),
+        "columns into Arrow": piece.arrow_table,
         "encode as Parquet": encode,
-        "content digests (SHA-256)": lambda: episode_digests(digest_runs(experiment, shard, floats), lengths),
-        "moments": lambda: moments(floats.table),
+        "content digests (SHA-256)": lambda: episode_digests(piece.digest_columns(), lengths),
+        "moments": lambda: moments(piece.floats.table),
         "write and fsync": durable,
     }
     parts = paired(*calls.values())

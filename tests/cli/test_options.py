@@ -49,7 +49,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
         "ibdata.cli.draw.figure",
         {"name": "landscape", "out": "o.svg", "dynamics": "paper", "seed": 7, "overwrite": True},
     ),
-    ("finalize o", "ibdata.generation.array_job.finalize", {"folder": "o"}),
+    ("finalize o", "ibdata.generation.generate.finalize", {"folder": "o"}),
     (
         f"generate random --out o {CHANGES} {RUNNING} --resume",
         "ibdata.generation.generate.generate",

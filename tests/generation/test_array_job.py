@@ -12,8 +12,8 @@ from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import self_check
 from ibdata.experiment.plan import plan
-from ibdata.generation import make_shard
-from ibdata.generation.array_job import Range
+from ibdata.generation import workers
+from ibdata.generation.generate import Range
 from ibdata.system import part as parts
 
 
@@ -36,7 +36,7 @@ def interleaved(monkeypatch):
     """Let something happen when the first shard of a run is begun, or finished."""
 
     def arrange(action, after):
-        real, waiting = make_shard.make_shard, [action]
+        real, waiting = workers.make_shard, [action]
 
         def making(*args):
             if after:
@@ -117,7 +117,8 @@ def test_missing_and_damaged_shards_are_named(shard_file):
     Path(part_of("out"), "dataset", shard_file(part_of("out") / "dataset", 1)).write_bytes(b"damaged")
     before = contents()
     with pytest.raises(
-        IbdataError, match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; make"
+        IbdataError,
+        match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; run again with",
     ) as error:
         ibdata.finalize("out")
     assert (error.value.exit_code, contents()) == (1, before)

@@ -13,8 +13,8 @@ from ibdata import Experiment
 from ibdata.cli.make import generate_command as command
 from ibdata.errors import ConfigError, IbdataError, UsageError
 from ibdata.experiment import suites
-from ibdata.generation.engine import ENGINES, select_engine
 from ibdata.generation.estimate import estimate
+from ibdata.generation.workers import ENGINES, select_engine
 
 
 @pytest.mark.parametrize("name", ["random", "random.yaml"])
@@ -172,6 +172,6 @@ def test_the_bytes_are_close_to_those_made(changes, share):
 def test_a_huge_run_is_estimated_at_once():
     """Of a sample: to make it would take a year."""
     guessed = estimate(described(episodes=10**9, output={"shard_rows": 10**8}), "s3://nowhere/x", workers=1)
-    assert (guessed["rows"], guessed["out"]) == (2 * 10**12, "s3://nowhere/x")
+    assert (guessed["rows"], guessed["out"], guessed["action"]) == (2 * 10**12, "s3://nowhere/x", None)
     assert guessed["bytes"] > 10**13
     assert guessed["seconds"] > 10**5

@@ -27,7 +27,7 @@ def plain():
 
 
 def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
-    monkeypatch.setattr("ibdata.generation.run.finish", Mock(side_effect=Interrupted(2)))
+    monkeypatch.setattr("ibdata.generation.job.finish", Mock(side_effect=Interrupted(2)))
     with pytest.raises(Interrupted, match=r"1 shard is finished; with an object of .*, a run begins again$"):
         ibdata.generate(plain, "out")
 

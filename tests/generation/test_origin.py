@@ -14,7 +14,7 @@ import ibdata
 import ibdata as library
 from ibdata.dataset.models import Code
 from ibdata.errors import UsageError
-from ibdata.generation import origin
+from ibdata.generation.record import Record
 
 pytestmark = pytest.mark.slow
 
@@ -91,10 +91,8 @@ def test_another_version_of_an_installed_library_is_refused(here):
     ids=["code", "bits"],
 )
 def test_a_worker_with_other_code_or_bits_is_refused(whole, monkeypatch, noted, line):
-    begin = origin.begin
-    monkeypatch.setattr(
-        origin, "begin", lambda root, spec, found: begin(root, spec, found.model_copy(update=noted))
-    )
+    begin = Record.begin
+    monkeypatch.setattr(Record, "begin", lambda record, *args: begin(record.model_copy(update=noted), *args))
     with pytest.raises(UsageError, match=line):
         generate(workers=2)
     assert not (whole / "out").exists()

@@ -104,8 +104,8 @@ def test_overwriting_names_what_is_not_the_dataset_s(name):
 
 
 MEANWHILE = {
-    "generate": ("ibdata.generation.run.finish", WRITERS["generate"], "out"),
-    "overwrite": ("ibdata.generation.run.finish", WRITERS["overwrite"], "../a"),
+    "generate": ("ibdata.generation.job.finish", WRITERS["generate"], "out"),
+    "overwrite": ("ibdata.generation.job.finish", WRITERS["overwrite"], "../a"),
     "materialize": ("ibdata.maintenance.rewrite.finish", WRITERS["materialize"], "out"),
 }
 

@@ -12,28 +12,29 @@ from helpers.folders import is_right, part_of
 import ibdata
 from ibdata import IbdataError
 from ibdata.errors import DatasetError
-from ibdata.generation import receipt, upload
+from ibdata.generation import upload, workers
 from ibdata.system.storage import Remote
+from ibdata.writing import shard as shard_writing
 
 
 def unreadable(monkeypatch):
     """The receipt of shard 2 after its file was made, as a client of a network file system sees it."""
-    real = receipt.get
+    real = shard_writing.read_receipt
     found = lambda root, shard: None if shard.number == 2 else real(root, shard)  # noqa: E731
-    monkeypatch.setattr(receipt, "get", found)
+    monkeypatch.setattr(shard_writing, "read_receipt", found)
 
 
 def cut(monkeypatch):
     """The file of shard 2, of which a part is on the disk."""
-    real = receipt.put
+    real = workers.write_receipt
 
     def putting(root, written):
         real(root, written)
         if written.shard.number == 2:
-            path = root / receipt.DATASET / written.entry.path
+            path = root / shard_writing.DATASET / written.entry.path
             path.write_bytes(path.read_bytes()[:-7])
 
-    monkeypatch.setattr(receipt, "put", putting)
+    monkeypatch.setattr(workers, "write_receipt", putting)
 
 
 WAYS = {

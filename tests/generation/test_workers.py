@@ -15,7 +15,7 @@ from helpers.folders import contents, is_right, part_of, receipts
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation import make_shard, workers
+from ibdata.generation import workers
 from ibdata.policies.custom import Custom
 
 slow = pytest.mark.slow  # a process starts in more than a second
@@ -42,7 +42,7 @@ def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked
 
 
 def test_several_threads_make_the_files_of_one(tiny, files, monkeypatch):
-    running, most, real = set(), [], make_shard.make_shard
+    running, most, real = set(), [], workers.make_shard
 
     def counted(spec, shard, *rest):
         running.add(shard.number)

@@ -18,7 +18,7 @@ from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.maintenance.repair import repair
 from ibdata.validation.validate import validate
-from ibdata.writing.arrow import writer_options
+from ibdata.writing.columns import writer_options
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_a_shard_that_is_encoded_otherwise_gets_its_new_entry(copied, file, monk
     """As by another pyarrow than the one that made the dataset."""
     monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # all in this process
     other = lambda described: {**writer_options(described), "compression": "zstd"}  # noqa: E731
-    monkeypatch.setattr("ibdata.writing.shard_writer.writer_options", other)
+    monkeypatch.setattr("ibdata.writing.shard.writer_options", other)
     before, path = ibdata.open(copied), file("shard 1")
     damage(copied / path, "cut")
     assert repair(copied, workers=workers) == [path]
@@ -151,7 +151,7 @@ def test_a_shard_whose_receipt_is_lost_is_not_repaired(copied, file, monkeypatch
     damage(copied / path, "cut")
     before = contents(copied)
     with monkeypatch.context() as broken:
-        broken.setattr("ibdata.generation.receipt.get", lambda root, shard: None)
+        broken.setattr("ibdata.writing.shard.read_receipt", lambda root, shard: None)
         with pytest.raises(
             IbdataError, match="1 of 1 shards are missing or damaged: 1; no shard was changed"
         ):

@@ -22,8 +22,7 @@ from ibdata.numerics.naming import exact, yaml_name
 from ibdata.system.files import FileEntry
 from ibdata.writing.card import card
 from ibdata.writing.metadata import episodes_table
-from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.summary import UNREAD
+from ibdata.writing.shard import UNREAD, WrittenShard
 
 SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)
 WORDS = [

@@ -28,9 +28,10 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata.experiment import Experiment, rollout, self_check
-from ibdata.generation import receipt, worker, workers
+from ibdata.generation import process, workers
 from ibdata.simulation import unroll
 from ibdata.system.part import Part
+from ibdata.writing.shard import DATASET
 
 HERE = Path(__file__).resolve().parent
 BEGIN = """\
@@ -38,7 +39,7 @@ import sys
 sys.path[:] = sys.argv[2:]
 import child
 child.start()
-from ibdata.generation.worker import main
+from ibdata.generation.process import main
 main(int(sys.argv[1]))
 """
 
@@ -130,7 +131,7 @@ def interrupted(after: int) -> None:
 def with_receipts(folder: Path) -> dict[str, int]:
     """The names of the shards of an unfinished run that resuming is to keep, with their inodes."""
     part = Part(folder)
-    data = part.folder / receipt.DATASET / "data"
+    data = part.folder / DATASET / "data"
     shards = [path for one in part.receipts for path in data.glob(f"part-{one.stem}-*.parquet")]
     return {path.name: path.stat().st_ino for path in shards}
 
@@ -172,7 +173,7 @@ def without_tokens(path: Path) -> str:
 def main(spec: dict[str, object]) -> None:
     """Check the setting, generate, and print results, facts and versions."""
     prepare(spec)
-    worker.BEGIN = BEGIN
+    process.BEGIN = BEGIN
     found = facts()
     if not numba.config.DISABLE_JIT:
         found["fuses"] = fuses()

@@ -16,7 +16,7 @@ from helpers.folders import contents
 
 import ibdata
 from ibdata.errors import BusyError, IbdataError
-from ibdata.generation import origin
+from ibdata.generation import record
 from ibdata.maintenance.card import card
 from ibdata.system import part as parts
 from ibdata.system.part import locked_part, refusals
@@ -104,14 +104,14 @@ def test_of_several_threads_one_at_a_time_has_the_lock():
 
 def test_a_host_does_not_hold_the_lock_while_it_compiles(monkeypatch):
     """While the first host of an array job loads and compiles, another one can begin."""
-    waiting, real = [lambda: ibdata.generate(TINY, "new", shards="2/2", workers=1)], origin.warm_up
+    waiting, real = [lambda: ibdata.generate(TINY, "new", shards="2/2", workers=1)], record.warm_up
 
     def slow(experiment):
         if waiting:
             waiting.pop()()
         real(experiment)
 
-    monkeypatch.setattr(origin, "warm_up", slow)
+    monkeypatch.setattr(record, "warm_up", slow)
     assert ibdata.generate(TINY, "new", shards="1/2", workers=1).missing == 0
 
 

@@ -19,11 +19,10 @@ from ibdata.experiment.dataset_spec import spec_in
 from ibdata.maintenance.reproduce import reproduce
 from ibdata.system.files import FileEntry
 from ibdata.validation.validate import validate
+from ibdata.writing.columns import stored_pieces
 from ibdata.writing.finish import finish
 from ibdata.writing.metadata import as_json
-from ibdata.writing.shard_writer import WrittenShard
-from ibdata.writing.stored import stored_parts
-from ibdata.writing.summary import describe
+from ibdata.writing.shard import WrittenShard, describe
 
 
 def edit(path, change):
@@ -38,7 +37,7 @@ def summary_of(spec, shard, folder, path):
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
     batches = parquet.batches(folder, path, layout(experiment).names, 65_536, rows)
-    return describe(spec, shard, ((part, floats) for part, floats, _ in stored_parts(spec, shard, batches)))
+    return describe(spec, shard, stored_pieces(spec, shard, batches))
 
 
 def column(info, name):

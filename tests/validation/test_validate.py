@@ -19,7 +19,7 @@ from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.validation.checks import check_shard
 from ibdata.validation.validate import validate
-from ibdata.writing.arrow import writer_options
+from ibdata.writing.columns import writer_options
 
 
 @pytest.fixture

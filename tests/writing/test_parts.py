@@ -12,7 +12,7 @@ from ibdata.dataset import statistics
 from ibdata.errors import IbdataError
 from ibdata.experiment.rollout import Columns, parts, rollout
 from ibdata.validation import checks
-from ibdata.writing import arrow, shard_writer, stored, summary
+from ibdata.writing import columns, shard
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def small_parts(monkeypatch):
     def shrink():
         monkeypatch.setattr("ibdata.experiment.rollout.LANES", 8)
         monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", 200)
-        monkeypatch.setattr(shard_writer, "ROW_GROUP_ROWS", 100)
+        monkeypatch.setattr(shard, "ROW_GROUP_ROWS", 100)
 
     return shrink
 
@@ -58,10 +58,10 @@ def test_parts_do_not_change_a_dataset(experiment, small_parts, monkeypatch, tmp
     groups = pq.ParquetFile(path).metadata
     sizes = [groups.row_group(i).num_rows for i in range(groups.num_row_groups)]
     assert sizes == [100, 60, 100, 60, 100, 60, 100, 20]
-    assert arrow.ROW_GROUP_ROWS == 100_000
+    assert columns.ROW_GROUP_ROWS == 100_000
 
 
-@pytest.mark.parametrize("place", [(shard_writer.ShardWriter, "_encode"), (summary.ShardSummarizer, "add")])
+@pytest.mark.parametrize("place", [(shard.ShardWriter, "_encode"), (shard.ShardSummarizer, "add")])
 def test_an_error_in_a_thread_is_raised_and_leaves_nothing(experiment, monkeypatch, tmp_path, place):
     def fail(*args):
         raise OSError(28, "No space left on device")
@@ -91,16 +91,16 @@ def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
     held = []
 
     def seen(real):
-        def columns(*args):
+        def noted(*args):
             found = real(*args)
             held.append(found.table.shape[1])
             return found
 
-        return columns
+        return noted
 
     monkeypatch.setattr(checks, "PART_ROWS", PART)
-    monkeypatch.setattr(stored, "Columns", seen(Columns))
-    monkeypatch.setattr("ibdata.writing.summary.rollout", seen(rollout))
+    monkeypatch.setattr(columns, "Columns", seen(Columns))
+    monkeypatch.setattr("ibdata.writing.columns.rollout", seen(rollout))
     for name, use in USES.items():
         held.clear()
         use(made.path)

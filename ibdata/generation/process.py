@@ -32,10 +32,10 @@ from ibdata.system.signals import held
 BEGIN = """\
 import sys
 sys.path[:] = sys.argv[2:]
-from ibdata.generation.worker import main
+from ibdata.generation.process import main
 main(int(sys.argv[1]))
 """
-Tell = Callable[[int, int], object]  # called with the number of a shard and its rows that are made so far
+Progress = Callable[[int], object]  # called with the rows of a shard that are made so far
 
 
 class Process(Protocol):
@@ -43,8 +43,8 @@ class Process(Protocol):
 
     spec: DatasetSpec
 
-    def call(self, function: Callable[..., Any], *arguments: Any, tell: Tell | None = None) -> Any:
-        """Return `function(spec, *arguments)`, with `tell` as the last argument if it is given."""
+    def call(self, function: Callable[..., Any], *arguments: Any, progress: Progress | None = None) -> Any:
+        """Return `function(spec, *arguments)`, with `progress` as the last argument if it is given."""
 
 
 @contextmanager
@@ -75,39 +75,48 @@ class Here:
     def __init__(self, spec: DatasetSpec) -> None:
         self.spec = spec
 
-    def call(self, function: Callable[..., Any], *arguments: Any, tell: Tell | None = None) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: Any, progress: Progress | None = None) -> Any:
         """Call a function here."""
-        return function(self.spec, *arguments, *([] if tell is None else [tell]))
+        if progress is not None:
+            arguments = (*arguments, progress)
+        return function(self.spec, *arguments)
 
 
-class Job(NamedTuple):
+class WorkerTask(NamedTuple):
     """What a worker needs to know before it is asked for anything."""
 
     spec: dict[str, Any]  # as `DatasetSpec.plain` gives it
     weights: dict[str, bytes]
     places: Places  # where the code of custom policies is looked for; the first is the current folder
-    root: Path | None  # the part of the run, with whose origin the worker is compared
+    root: Path | None  # the part of the run, with whose record the worker is compared
 
+    @classmethod
+    def of(cls, spec: DatasetSpec, root: Path | None) -> WorkerTask:
+        """The task for a dataset, whose custom policies know where their code is looked for."""
+        policies = customs(spec)
+        places = policies[0].places if policies else (Path.cwd(),)
+        return cls(spec.plain(), spec.weights, places, root)
 
-def job_of(spec: DatasetSpec, root: Path | None) -> Job:
-    """The job of a dataset, whose custom policies know where their code is looked for."""
-    own = customs(spec)
-    return Job(spec.plain(), spec.weights, own[0].places if own else (Path.cwd(),), root)
+    def dataset_spec(self) -> DatasetSpec:
+        """The specification of the dataset."""
+        spec = DatasetSpec.from_plain(self.spec, self.weights)
+        for custom in customs(spec):
+            custom.look_in(self.places)
+        return spec
 
 
 class Question(NamedTuple):
-    """A function to call, and whether it tells of its progress."""
+    """A function to call, and whether it takes `progress`."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]
-    tells: bool
+    shows_progress: bool
 
 
-class Progress(NamedTuple):
-    """What is told while a function runs."""
+class Rows(NamedTuple):
+    """The rows of a shard that are made so far."""
 
-    shard: int
-    rows: int
+    made: int
 
 
 class Failure(NamedTuple):
@@ -118,12 +127,12 @@ class Failure(NamedTuple):
 
 
 class Worker:
-    """A process of its own, which is compared with the origin of the run in a part if there is one."""
+    """A process of its own, which is compared with the record of the run in a part if there is one."""
 
     def __init__(self, spec: DatasetSpec, root: Path | None = None) -> None:
         self.spec = spec
         self._machine_code = TemporaryDirectory(prefix="ibdata-")
-        self._waiting: list[Any] = [job_of(spec, root)]
+        self._waiting: list[Any] = [WorkerTask.of(spec, root)]
         self._pipe, theirs = Pipe()
         path = [folder for folder in sys.path if folder]
         arguments = [sys.executable, "-c", BEGIN, str(theirs.fileno()), *path]
@@ -137,15 +146,15 @@ class Worker:
             self._machine_code.cleanup()
             raise
 
-    def call(self, function: Callable[..., Any], *arguments: Any, tell: Tell | None = None) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: Any, progress: Progress | None = None) -> Any:
         """Call a function there. Raises what it raises, and IbdataError if the process ends."""
-        self._waiting.append(Question(function, arguments, tell is not None))
+        self._waiting.append(Question(function, arguments, progress is not None))
         try:
             while self._waiting:
                 self._pipe.send(self._waiting.pop(0))
-            while isinstance(answer := self._pipe.recv(), Progress):
-                assert tell is not None  # else the function does not know of it
-                tell(*answer)
+            while isinstance(answer := self._pipe.recv(), Rows):
+                assert progress is not None  # else the function does not know of it
+                progress(answer.made)
         except (EOFError, ConnectionError):
             raise IbdataError(
                 f"a worker process ended with code {self._process.wait()}, perhaps for lack of memory; run "
@@ -170,41 +179,33 @@ def main(descriptor: int) -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     pipe = Connection(descriptor)
-    asked: SimpleQueue[Any] = SimpleQueue()
-    threading.Thread(target=_listen, args=(pipe, asked), daemon=True).start()
-    _work(asked.get(), asked, pipe)
+    received: SimpleQueue[Any] = SimpleQueue()
+    threading.Thread(target=_listen, args=(pipe, received), daemon=True).start()
+    _work(received.get(), received, pipe)
 
 
-def spec_of(job: Job) -> DatasetSpec:
-    """The specification of a job's dataset."""
-    spec = DatasetSpec.from_plain(job.spec, job.weights)
-    for custom in customs(spec):
-        custom.look_in(job.places)
-    return spec
-
-
-def _listen(pipe: Connection, asked: SimpleQueue[Any]) -> None:
+def _listen(pipe: Connection, received: SimpleQueue[Any]) -> None:
     """Take what the parent asks for, and end with it, also in the middle of a shard."""
     try:
         while True:
-            asked.put(pipe.recv())
+            received.put(pipe.recv())
     except (EOFError, OSError):
         os._exit(1)
 
 
-def _work(job: Job, asked: SimpleQueue[Question], pipe: Connection) -> None:
-    from ibdata.generation.origin import agree
+def _work(task: WorkerTask, questions: SimpleQueue[Question], pipe: Connection) -> None:
+    from ibdata.generation.record import agree
 
-    os.chdir(job.places[0])  # a policy may have changed the parent's current folder
-    spec, root = spec_of(job), job.root
+    os.chdir(task.places[0])  # a policy may have changed the parent's current folder
+    here, root = Here(task.dataset_spec()), task.root
     while True:
-        question = asked.get()
-        tell = [lambda *told: pipe.send(Progress(*told))] if question.tells else []
+        function, arguments, shows_progress = questions.get()
+        progress = (lambda rows: pipe.send(Rows(rows))) if shows_progress else None
         try:
             if root is not None:
-                agree(spec, root)
+                agree(here.spec, root)
                 root = None
-            answer = question.function(spec, *question.arguments, *tell)
+            answer = here.call(function, *arguments, progress=progress)
         except Exception as error:
             answer = Failure(error, format_exc())
         pipe.send(answer)
