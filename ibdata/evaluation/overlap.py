@@ -42,7 +42,7 @@ class Part(NamedTuple):
     @property
     def behaviour(self) -> Policy:
         """The policy."""
-        policy: Policy = self.experiment.cells[self.numbers[0] // self.experiment.episodes].policy
+        policy: Policy = self.experiment.cell_of(int(self.numbers[0])).policy
         return policy
 
 
@@ -50,7 +50,7 @@ def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
     """Divide episodes (n,) into parts of bounded memory, those of a policy alike in size."""
     most = max(1, PART_ROWS // steps)
     for experiment, positions, numbers in source.by_experiment(episodes):
-        per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
+        per_policy = experiment.episodes_per_policy
         for policy in np.unique(numbers // per_policy):
             same = np.flatnonzero(numbers // per_policy == policy)
             for some in np.array_split(same, -(-len(same) // most)):
@@ -109,7 +109,7 @@ def log_ratios(
             ever takes.
         PolicyError: the target failed, or returned no valid density.
     """
-    behaviour = experiment.cells[numbers[0] // experiment.episodes]
+    behaviour = experiment.cell_of(int(numbers[0]))
     _refuse_unknown(behaviour.label, log_prob)
     of_target, actions = _of_target(experiment, numbers, recorded, target)
     _refuse_unknown(target.label, of_target.recorded)

@@ -15,12 +15,13 @@ from ibdata.experiment.messages import Problem, refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.numerics.naming import unequal
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
+from ibdata.policies.adapter import EXPECTED, can_act, has_needs
 from ibdata.policies.base import FrozenModel, refuse_density
 from ibdata.policies.code import two_places
 from ibdata.policies.custom import TARGET, Custom
 from ibdata.policies.live import Live
 from ibdata.policies.purity import refuse_impure
-from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_needs, refuse_shared
+from ibdata.policies.user_object import UserObject, refuse_shared
 from ibdata.policies.weights_file import SUFFIX
 from ibdata.views.options import PLAIN, ViewOptions
 

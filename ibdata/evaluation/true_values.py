@@ -46,9 +46,13 @@ def branches_at(
     keys: list[Raw] = []
     policy_keys: list[Raw] = []
     for number, step in zip(numbers.tolist(), steps.tolist(), strict=True):
-        cell, index = divmod(number, experiment.episodes)
-        digest = experiment.cells[cell].digest.hex()
-        form = {"label": "branch", "seed": experiment.seed, "cell": digest, "index": index, "step": step}
+        form = {
+            "label": "branch",
+            "seed": experiment.seed,
+            "cell": experiment.cell_of(number).digest.hex(),
+            "index": number % experiment.episodes,
+            "step": step,
+        }
         keys.append(stream_key(seed, form_digest(form)))
         policy_keys.append(stream_key(seed, form_digest({**form, "policy": without_runs(policy.form())})))
     return Episodes(

@@ -81,7 +81,7 @@ class DatasetSpec:
                 shard._replace(number=first + shard.number, experiment=i, offset=offset)
                 for shard in plan(experiment)
             ]
-            offset += len(experiment.cells) * experiment.episodes
+            offset += experiment.episode_count
         return shards
 
     @property
@@ -97,7 +97,7 @@ class DatasetSpec:
     @property
     def episodes(self) -> int:
         """The number of episodes in the dataset."""
-        return sum(len(experiment.cells) * experiment.episodes for experiment in self.experiments)
+        return sum(experiment.episode_count for experiment in self.experiments)
 
     @property
     def labels(self) -> list[str]:
@@ -136,7 +136,7 @@ class DatasetSpec:
                     if runs and (runs[-1].stop, runs[-1].steps) == (run.first, run.steps):
                         run = Run(runs.pop().first, run.stop, run.steps)
                     runs.append(run)
-            offset += len(experiment.cells) * experiment.episodes
+            offset += experiment.episode_count
         return split_runs
 
     def all_declared(self) -> DatasetSpec:

@@ -131,9 +131,23 @@ class Experiment(FrozenModel):
         return self.scenario.cells(zip(self.labels, self.policies, strict=True))
 
     @property
+    def episode_count(self) -> int:
+        """The number of episodes of all cells."""
+        return len(self.cells) * self.episodes
+
+    @property
+    def episodes_per_policy(self) -> int:
+        """The number of episodes of each policy, which follow one another."""
+        return self.episode_count // len(self.policies)
+
+    @property
     def rows(self) -> int:
         """The number of transitions in the dataset."""
-        return len(self.cells) * self.episodes * self.steps
+        return self.episode_count * self.steps
+
+    def cell_of(self, episode: int) -> Cell:
+        """The cell of an episode, by its number in the experiment."""
+        return self.cells[episode // self.episodes]
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder. Raises ConfigError if the copy is not valid."""

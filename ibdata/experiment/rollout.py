@@ -79,7 +79,7 @@ def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, 
 
 def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:
     """Split episodes first … stop - 1 into blocks of at most LANES episodes with the same policy."""
-    per_policy = _per_policy(experiment)
+    per_policy = experiment.episodes_per_policy
     while first < stop:
         end = min(stop, first + LANES, (first // per_policy + 1) * per_policy)
         yield first, end
@@ -128,7 +128,7 @@ def acting_in(experiment: Experiment, numbers: Ints) -> tuple[list[str], Ints]:
 
     A mixture draws a policy for each episode, and that policy is the acting one.
     """
-    names, policy_indices = list(experiment.labels), numbers // _per_policy(experiment)
+    names, policy_indices = list(experiment.labels), numbers // experiment.episodes_per_policy
     acting = policy_indices.copy()
     for i, policy in enumerate(experiment.policies):
         rows = np.flatnonzero(policy_indices == i)
@@ -138,11 +138,6 @@ def acting_in(experiment: Experiment, numbers: Ints) -> tuple[list[str], Ints]:
             acting[rows] = len(names) + policy.member(u[:, 0])
             names += policy.members
     return names, acting
-
-
-def _per_policy(experiment: Experiment) -> int:
-    """The number of episodes of each policy."""
-    return experiment.episodes * (len(experiment.cells) // len(experiment.policies))
 
 
 def log_densities(

@@ -122,7 +122,7 @@ def _spaces(view: View) -> tuple[Any, Any]:
 def _experiments(view: View) -> list[dict[str, Any]]:
     """The experiments of the exported episodes."""
     experiments = declared_spec(view.selection.stored).experiments
-    stops = np.cumsum([len(experiment.cells) * experiment.episodes for experiment in experiments])
+    stops = np.cumsum([experiment.episode_count for experiment in experiments])
     numbers = np.unique(np.searchsorted(stops, view.table.index, side="right"))
     return [experiments[number].plain() for number in numbers]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import NamedTuple
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
-from ibdata.dataset.models import Manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment.code import require_consent
@@ -17,10 +17,10 @@ from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
 from ibdata.generation.workers import refuse_workers, run
 from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, write
-from ibdata.system.part import Part, locked_part, resolved
+from ibdata.system.part import locked_part, resolved
 from ibdata.system.progress import Progress
 from ibdata.system.signals import check
-from ibdata.system.storage import existing, local, storage
+from ibdata.system.storage import existing, local
 from ibdata.validation.checks import check_shard, splits_problems
 from ibdata.validation.validate import unlisted_files, validate
 from ibdata.writing import metadata
@@ -64,12 +64,13 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     with locked_part(resolved(place), place) as part:
         stored.refuse_replaced()
         missing = [path for path in broken if not os.path.lexists(part.target / path)]
+        remaking = Remaking(part.folder / REPAIR, spec, workers, allow_code)
         try:
-            entries = _repaired(part, spec, stored.manifest, broken, workers, allow_code)
+            entries = _repaired(stored, spec, broken, remaking)
             for path in missing:
                 keep_access(part.target / manifest.PATH, part.target / path)
         finally:
-            remove(part.folder / REPAIR)
+            remove(remaking.root)
         if entries != stored.manifest.entries():
             write(part.target, manifest.PATH, rewritten_manifest(stored.manifest, entries))
         _refuse_broken(place)
@@ -95,52 +96,73 @@ def _stored(place: Path) -> Stored:
 def _broken(stored: Stored) -> list[str]:
     """The paths of the files that are missing, or not as the manifest lists them."""
     entries = stored.manifest.entries()
-    broken = [path for path, entry in entries.items() if _entry(stored.storage.path, path) != entry]
+    broken = [path for path, entry in entries.items() if _entry(stored, path) != entry]
     if any(splits_problems(stored)):
         broken.append(manifest.SPLITS)
     return broken
 
 
-def _entry(folder: Path, path: str) -> FileEntry | None:
+def _entry(stored: Stored, path: str) -> FileEntry | None:
     check()
-    return storage(folder).entry(path)
+    return stored.storage.entry(path)
 
 
 def _spec(stored: Stored) -> DatasetSpec:
-    folder, entries = stored.storage.path, stored.manifest.entries()
-    for path in entries:
-        if manifest.WEIGHTS.fullmatch(path) and _entry(folder, path) != entries[path]:
+    for path, entry in stored.manifest.entries().items():
+        if manifest.WEIGHTS.fullmatch(path) and _entry(stored, path) != entry:
             raise DatasetError(
-                f"{folder / path}: missing or damaged, and weights cannot be made again; copy the file with "
-                f"the SHA-256 {entries[path].sha256} there, then repair"
+                f"{stored.storage.path / path}: missing or damaged, and weights cannot be made again; copy "
+                f"the file with the SHA-256 {entry.sha256} there, then repair"
             )
     return declared_spec(stored)
 
 
+class Remaking(NamedTuple):
+    """How shards are made again: in a folder of their own."""
+
+    root: Path
+    spec: DatasetSpec
+    workers: int | None
+    allow_code: bool
+
+    def make(self, shards: list[Shard], stored: Stored) -> list[WrittenShard]:
+        """Make shards again. Raises DatasetError if one has another content than the manifest lists."""
+        if not shards:
+            return []
+        folder = stored.storage.path
+        require_consent(self.spec, folder, self.allow_code, again=True)
+        remove(self.root)  # that of a repair that was killed
+        self.root.mkdir()
+        (self.root / DATASET).mkdir()
+        with process_for(self.spec) as process:
+            process.call(_warm_up)
+            for _ in run(process, shards, self.root, self.workers, Progress().reach):
+                pass
+        written = all_written(self.root, shards, folder, "no shard was changed; repair again")
+        for shard in written:
+            entry = stored.shard(shard.shard.number)
+            if content_of(shard.content.digests) != entry.content:
+                raise DatasetError(
+                    f"{folder / entry.path}: found other content when made again, expected the content that "
+                    "the manifest lists; no shard was changed"
+                )
+        return written
+
+
 def _repaired(
-    part: Part, spec: DatasetSpec, listed: Manifest, broken: list[str], workers: int | None, allow_code: bool
+    stored: Stored, spec: DatasetSpec, broken: list[str], remaking: Remaking
 ) -> dict[str, FileEntry]:
     """Repair the broken files; return the entries that the manifest is to have."""
-    folder, entries = part.target, listed.entries()
-    written: list[WrittenShard] = []
-    wrong: list[Shard] = []
-    for shard, one in zip(spec.shards, listed.shards, strict=True):
-        content = UNREAD
-        if one.path in broken or not set(broken).isdisjoint(NEED_CONTENT):
-            found, _ = check_shard(spec, shard, folder, one.path)
-            if found is None or content_of(found.digests) != one.content:
-                wrong.append(shard)
-            else:
-                content = found
-                entries[one.path] = _entry(folder, one.path) or entries[one.path]
-        written.append(WrittenShard(shard, entries[one.path], content))
-        check()
-    for made in _made_again(part.folder / REPAIR, spec, wrong, listed, workers, allow_code, folder):
-        path = listed.shards[made.shard.number].path
-        _move(part.folder / REPAIR / DATASET / made.entry.path, folder / path)
-        entries[path] = made.entry._replace(path=path)
-        written[made.shard.number] = made._replace(entry=entries[path])
-    for path, data in metadata_files(broken, spec, written):
+    folder, entries = stored.storage.path, stored.manifest.entries()
+    written = _checked_shards(stored, spec, broken)
+    wrong = [shard for shard, checked in zip(spec.shards, written, strict=True) if checked is None]
+    for shard in remaking.make(wrong, stored):
+        path = stored.shard(shard.shard.number).path
+        _move(remaking.root / DATASET / shard.entry.path, folder / path)
+        written[shard.shard.number] = shard._replace(entry=shard.entry._replace(path=path))
+    whole = [shard for shard in written if shard is not None]
+    entries |= {shard.entry.path: shard.entry for shard in whole}
+    for path, data in metadata_files(broken, spec, whole):
         entries[path] = write(folder, path, data)
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
@@ -148,35 +170,25 @@ def _repaired(
     return entries
 
 
-def _made_again(
-    root: Path,
-    spec: DatasetSpec,
-    wrong: list[Shard],
-    listed: Manifest,
-    workers: int | None,
-    allow_code: bool,
-    folder: Path,
-) -> list[WrittenShard]:
-    """Make shards in a folder. Raises DatasetError if one has another content than the manifest lists."""
-    if not wrong:
-        return []
-    require_consent(spec, folder, allow_code, again=True)
-    remove(root)  # that of a repair that was killed
-    root.mkdir()
-    (root / DATASET).mkdir()
-    with process_for(spec) as process:
-        process.call(_warm_up)
-        for _ in run(process, wrong, root, workers, Progress().reach):
-            pass
-    made = all_written(root, wrong, folder, "no shard was changed; repair again")
-    for each in made:
-        one = listed.shards[each.shard.number]
-        if content_of(each.content.digests) != one.content:
-            raise DatasetError(
-                f"{folder / one.path}: found other content when made again, expected the content that the "
-                "manifest lists; no shard was changed"
-            )
-    return made
+def _checked_shards(stored: Stored, spec: DatasetSpec, broken: list[str]) -> list[WrittenShard | None]:
+    """The shards as they are; None for those with other content than the manifest lists.
+
+    Their rows are read only where that is needed.
+    """
+    are_read = not set(broken).isdisjoint(NEED_CONTENT)
+    shards: list[WrittenShard | None] = []
+    for shard, listed in zip(spec.shards, stored.manifest.shards, strict=True):
+        entry = stored.manifest.entries()[listed.path]
+        if not (are_read or listed.path in broken):
+            shards.append(WrittenShard(shard, entry, UNREAD))
+            continue
+        content, _ = check_shard(spec, shard, stored.storage, listed.path)
+        if content is None or content_of(content.digests) != listed.content:
+            shards.append(None)
+        else:
+            shards.append(WrittenShard(shard, _entry(stored, listed.path) or entry, content))
+        check()
+    return shards
 
 
 def _warm_up(spec: DatasetSpec) -> None:
@@ -185,9 +197,9 @@ def _warm_up(spec: DatasetSpec) -> None:
     known_answer("episodes made again may differ")
 
 
-def _move(made: Path, path: Path) -> None:
+def _move(file: Path, path: Path) -> None:
     """Put a file that was made again in the place of the broken one, whose mode and group it gets."""
     path.parent.mkdir(exist_ok=True)
-    keep_access(path, made)
-    made.replace(path)
+    keep_access(path, file)
+    file.replace(path)
     sync_folder(path.parent)

@@ -37,7 +37,7 @@ class Source(NamedTuple):
 
 def sources_of(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
     """The source of each experiment of a dataset."""
-    counts = [len(e.cells) * e.episodes for e in spec.experiments]
+    counts = [experiment.episode_count for experiment in spec.experiments]
     return [Source(dataset, sum(counts[:i])) for i in range(len(counts))]
 
 

@@ -17,6 +17,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from pydantic_core.core_schema import no_info_before_validator_function
 
+from ibdata.policies.adapter import can_act
 from ibdata.policies.base import (
     OBSERVATION,
     Decision,
@@ -29,7 +30,6 @@ from ibdata.policies.base import (
 )
 from ibdata.policies.compound import Choice, Wrapper
 from ibdata.policies.distributions import Certain, ClippedNormal, Distribution, Uniform
-from ibdata.policies.user_object import can_act
 
 for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, PrivateAttr
 
 from ibdata.errors import PolicyError, UsageError, printable, suggestion
+from ibdata.policies.adapter import EXPECTED, can_act, has_method, needs_of
 from ibdata.policies.base import refuse_density
 from ibdata.policies.code import (
     Places,
@@ -26,7 +27,7 @@ from ibdata.policies.code import (
     two_places,
 )
 from ibdata.policies.libraries import is_torch_module
-from ibdata.policies.user_object import EXPECTED, UserObject, can_act, has_method, needs_of
+from ibdata.policies.user_object import UserObject
 
 NAME = "[A-Za-z_][A-Za-z0-9_]*"
 FILE = r"[^/:\\\x00-\x1f][^:\\\x00-\x1f]*\.py"  # a relative path

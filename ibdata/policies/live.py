@@ -11,8 +11,9 @@ from pydantic import Field, PrivateAttr, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError
+from ibdata.policies.adapter import can_act, needs_of
 from ibdata.policies.base import Policy
-from ibdata.policies.user_object import UserObject, can_act, needs_of
+from ibdata.policies.user_object import UserObject
 
 LIVE = "live:"  # begins the name of an object in a record of code
 

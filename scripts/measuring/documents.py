@@ -22,9 +22,9 @@ def replaced(document: str, block: str, kind: str = "measured") -> str:
 
 def measured(document: str) -> str:
     """The lines between the markers of a document."""
-    found = re.search(r"<!-- measured -->\n(.*)\n<!-- /measured -->", document, re.DOTALL)
-    assert found is not None
-    return found[1]
+    match = re.search(r"<!-- measured -->\n(.*)\n<!-- /measured -->", document, re.DOTALL)
+    assert match is not None
+    return match[1]
 
 
 def write_measured(path: Path, block: str) -> None:
@@ -36,7 +36,7 @@ def write_sets(
     page: str,
     names: Iterable[str],
     measure: Callable[[str, Path], Any],
-    listed: Callable[[dict[str, Any]], str],
+    table_of: Callable[[dict[str, Any]], str],
 ) -> None:
     """Measure shipped sets, each in a temporary folder; write docs/PAGE.json and the table of the page."""
     sets = {}
@@ -45,7 +45,7 @@ def write_sets(
             sets[name] = measure(name, Path(folder, "made"))
         print(name, sets[name], file=sys.stderr, flush=True)
     (DOCS / f"{page}.json").write_text(json.dumps(sets, indent=1) + "\n", encoding="utf-8")
-    write_measured(DOCS / f"{page}.md", f"\n{listed(sets)}\n")
+    write_measured(DOCS / f"{page}.md", f"\n{table_of(sets)}\n")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -25,8 +25,8 @@ def environments() -> list[Row]:
     actions = np.random.default_rng(0).uniform(-1, 1, (STEPS, LANES, 3)).astype(np.float32)
     few = STEPS // 10
 
-    def loop(step: Any, given: Any) -> None:
-        for action in given:
+    def loop(step: Any, actions: Any) -> None:
+        for action in actions:
             step(action)
 
     seconds, package, lanes = paired(

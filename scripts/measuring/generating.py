@@ -103,9 +103,9 @@ def scaled(runs: dict[int, Child]) -> list[Row]:
 
 def sizes(scratch: Scratch) -> list[Row]:
     """Bytes per row for each kind of latent state."""
-    found = []
+    rows = []
     for latent, target in ((False, ""), (True, "≤ 81"), ("full", "≤ 105"), ("next", "")):
         dataset = scratch.generate(described(100_000, output={"latent": latent}))
         what = f"bytes a row, latent: {json.dumps(latent).strip(chr(34))}"
-        found.append(Row(what, f"{dataset.stored.manifest.data_bytes / len(dataset):.1f}", target))
-    return found
+        rows.append(Row(what, f"{dataset.stored.manifest.data_bytes / len(dataset):.1f}", target))
+    return rows

@@ -20,14 +20,14 @@ def stages() -> list[Row]:
     experiment = described(MILLION)
     (shard,) = plan(experiment)
     piece = Piece(experiment, shard, rollout(experiment, 0, shard.stop))
-    made = piece.arrow_table()
+    rows = piece.arrow_table()
     kinds = columns(experiment)
     lengths = [experiment.steps] * shard.stop
 
     def encode() -> bytes:
         out = io.BytesIO()
         with pq.ParquetWriter(out, arrow_schema(kinds), **writer_options(kinds)) as writer:
-            writer.write_table(made, row_group_size=ROW_GROUP_ROWS)
+            writer.write_table(rows, row_group_size=ROW_GROUP_ROWS)
         return out.getvalue()
 
     data = encode()

@@ -32,10 +32,10 @@ PICTURE = DOCS / "figures" / "baselines.png"
 
 def grouped(lines: Sequence[Baseline]) -> dict[Key, list[Baseline]]:
     """The results of all seeds of a set and an algorithm."""
-    found: dict[Key, list[Baseline]] = {}
+    groups: dict[Key, list[Baseline]] = {}
     for line in lines:
-        found.setdefault((line.set, line.algorithm), []).append(line)
-    return found
+        groups.setdefault((line.set, line.algorithm), []).append(line)
+    return groups
 
 
 def references() -> dict[str, float]:
@@ -43,9 +43,9 @@ def references() -> dict[str, float]:
     known = scale(*(SETTINGS[name] for name in ("dynamics", "start", "steps", "discount")))
     assert known is not None
     return {
-        each.policy: each.mean_return
-        for each in known.results
-        if each.policy in REFERENCES and each.setpoint == SETTINGS["setpoint"]
+        row.policy: row.mean_return
+        for row in known.results
+        if row.policy in REFERENCES and row.setpoint == SETTINGS["setpoint"]
     }
 
 
@@ -60,15 +60,18 @@ def cell(lines: Sequence[Baseline]) -> str:
 
 def results(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence[str]) -> str:
     """A Markdown table with a row per set."""
-    found = grouped(lines)
-    rows = [(f"`{each}`", *(cell(found.get((each, name), [])) for name in algorithms)) for each in sets]
-    return table(("set", *(LABELS[name] for name in algorithms)), rows)
+    groups = grouped(lines)
+    rows = []
+    for name in sets:
+        cells = (cell(groups.get((name, algorithm), [])) for algorithm in algorithms)
+        rows.append((f"`{name}`", *cells))
+    return table(("set", *(LABELS[algorithm] for algorithm in algorithms)), rows)
 
 
 def behaviours(lines: Sequence[Baseline]) -> dict[str, Floats]:
     """The returns of the behaviour of each set."""
-    found = {line.set: line.values for line in lines if line.algorithm == BEHAVIOUR}
-    return {name: values for name, values in found.items() if values is not None}
+    returns = {line.set: line.values for line in lines if line.algorithm == BEHAVIOUR}
+    return {name: values for name, values in returns.items() if values is not None}
 
 
 def formulas(lines: Sequence[Baseline]) -> dict[str, Floats]:
@@ -95,15 +98,15 @@ def algorithms(lines: Sequence[Baseline]) -> str:
     base, pure = behaviours(lines), formulas(lines)
     rows = []
     for name, label in LABELS.items():
-        own = [line for line in lines if line.algorithm == name and name != BEHAVIOUR]
-        groups = [[verdict(line, base[line.set]) for line in own if line.set in base]]
+        runs = [line for line in lines if line.algorithm == name and name != BEHAVIOUR]
+        groups = [[verdict(line, base[line.set]) for line in runs if line.set in base]]
         for kind in FORMULAS:
-            sets = [line for line in own if line.set.startswith(f"siemens-offline/{kind}-")]
+            sets = [line for line in runs if line.set.startswith(f"siemens-offline/{kind}-")]
             groups.append([verdict(line, pure[line.set]) for line in sets if line.set in pure])
-        if own:
-            seconds = float(np.median([line.cpu_seconds for line in own]))
+        if runs:
+            seconds = float(np.median([line.cpu_seconds for line in runs]))
             cells = (" / ".join(str(group.count(k)) for k in range(3)) if group else "–" for group in groups)
-            rows.append((label, len(own), f"{seconds:.0f}", *cells))
+            rows.append((label, len(runs), f"{seconds:.0f}", *cells))
     return table(("algorithm", "runs", "CPU seconds", "behaviour", *(f"`{kind}`" for kind in FORMULAS)), rows)
 
 
@@ -119,45 +122,45 @@ def shown(value: float) -> str:
 
 def comparison() -> str:
     """A Markdown table of the algorithms that the literature has, too, and of CQL-50 beside CQL."""
-    found = ibdata.baselines(published=True)
-    own = ibdata.baselines()
-    fixed = own[own["algorithm"] == "cql-50"].set_index("set")["p10"]
+    known = ibdata.baselines(published=True)
+    ours = ibdata.baselines()
+    fixed = ours[ours["algorithm"] == "cql-50"].set_index("set")["p10"]
     rows = []
     for name, label in BOTH.items():
-        each = found[found["algorithm"] == name].set_index("set")
-        rows.append(_compared(label, each["p10"], each["published_p10"]))
+        runs = known[known["algorithm"] == name].set_index("set")
+        rows.append(_compared(label, runs["p10"], runs["published_p10"]))
         if name == "cql":
-            rows.append(_compared("CQL of weight 50", fixed, each["published_p10"]))
+            rows.append(_compared("CQL of weight 50", fixed, runs["published_p10"]))
     head = ["algorithm", "sets", "rank correlation", "median distance"]
     return table([*head, "lowest", "highest"], rows)
 
 
-def _compared(label: str, own: pd.Series, published: pd.Series) -> list[Any]:
+def _compared(label: str, ours: pd.Series, published: pd.Series) -> list[Any]:
     """A row of the table, of the sets that both have."""
-    both = pd.DataFrame({"own": own, "published": published}).dropna()
-    differences = both["own"] - both["published"]
+    both = pd.DataFrame({"ours": ours, "published": published}).dropna()
+    differences = both["ours"] - both["published"]
     rank = "–"
     if len(both) >= FEWEST:
-        found = rank_correlation(both["published"].to_numpy(), both["own"].to_numpy())
-        rank = f"{found:.2f}".replace("-", "−")
+        correlation = rank_correlation(both["published"].to_numpy(), both["ours"].to_numpy())
+        rank = f"{correlation:.2f}".replace("-", "−")
     values = (differences.abs().median(), differences.min(), differences.max())
     return [label, len(both), rank, *(shown(x) for x in values)]
 
 
 def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
     """All that the page says of results."""
-    wanted = [run for run in plan if run.algorithm != BEHAVIOUR]
+    runs = [run for run in plan if run.algorithm != BEHAVIOUR]
     done = [line for line in lines if line.algorithm != BEHAVIOUR]
-    ordered = sorted(references().items(), key=lambda each: each[1])
+    ordered = sorted(references().items(), key=lambda pair: pair[1])
     known = ", ".join(f"{REFERENCES[name]} {value / 100:.1f}".replace("-", "−") for name, value in ordered)
     by_suite = {
         suite: list(dict.fromkeys(run.set for run in plan if run.set.startswith(f"{suite}/")))
         for suite in SUITES
     }
-    others = list(dict.fromkeys(run.set for run in wanted if run.algorithm in TWO))
+    others = list(dict.fromkeys(run.set for run in runs if run.algorithm in TWO))
     errors = (worst_error(done), worst_error(line for line in lines if line.algorithm == BEHAVIOUR))
     parts = [
-        f"{len(done)} of {len(wanted)} runs are done; – stands for what was not run. Standard errors over "
+        f"{len(done)} of {len(runs)} runs are done; – stands for what was not run. Standard errors over "
         f"the 200 episodes are at most {errors[0]} for what was trained, {errors[1]} for behaviours. "
         f"Reference returns are means of 10,000 episodes: {known}.",
         results(lines, [name for sets in by_suite.values() for name in sets], [BEHAVIOUR, *FOUR, MODEL]),
@@ -183,7 +186,7 @@ def draw(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
     """Draw the mean return of each seed in a panel per set, against the behaviour's and the expert's."""
     import matplotlib.pyplot as plt
 
-    found, names = grouped(lines), [name for name in LABELS if name != BEHAVIOUR]
+    groups, names = grouped(lines), [name for name in LABELS if name != BEHAVIOUR]
     sets = list(dict.fromkeys(run.set for run in plan))
     starts = [[s for s in sets if s.startswith(f"siemens-offline/{kind}")] for kind in ("bad", "med", "opt")]
     starts += [[s for s in sets if s.startswith(("siemens-offline/glob", "neorl"))]]
@@ -195,11 +198,11 @@ def draw(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
                 axis.set_visible(False)
                 continue
             axis.axhline(references()["expert"] / 100, color="0.6", linestyle=":", label="expert")
-            for each in found.get((name, BEHAVIOUR), []):
-                axis.axhline((each.mean_return or np.nan) / 100, color="#bc4b51", label="behaviour")
+            for result in groups.get((name, BEHAVIOUR), []):
+                axis.axhline((result.mean_return or np.nan) / 100, color="#bc4b51", label="behaviour")
             for i, algorithm in enumerate(names):
                 values = [
-                    x.mean_return for x in found.get((name, algorithm), []) if x.mean_return is not None
+                    x.mean_return for x in groups.get((name, algorithm), []) if x.mean_return is not None
                 ]
                 axis.plot([i] * len(values), np.divide(values, 100), "o", color="#2a6f97", markersize=4)
             axis.set(title=name.replace("siemens-offline/", ""), xlim=(-0.6, len(names) - 0.4))

@@ -109,18 +109,18 @@ class Target:
         return Decision(TruncatedNormal(self.mean(observed.observations)), observed.memory)
 
 
-def write_checkpoints(wanted: list[Checkpoint], rows: Rows, folder: Path) -> None:
+def write_checkpoints(checkpoints: list[Checkpoint], rows: Rows, folder: Path) -> None:
     """Train an algorithm as `studies/baselines` does, up to the last of some checkpoints, and write these."""
-    by_steps = {each.training_steps: each for each in wanted}
+    by_steps = {checkpoint.training_steps: checkpoint for checkpoint in checkpoints}
 
     def keep(step: int, learned: Any) -> None:
         if one := by_steps.get(step):
             path = one.file(folder)
             path.parent.mkdir(parents=True, exist_ok=True)
-            said = f"{one.algorithm} on {one.set}, seed {SEED}, {step} of {STEPS} steps"
-            ibdata.save_network(path, learned, history=HISTORY, provenance=said)
+            provenance = f"{one.algorithm} on {one.set}, seed {SEED}, {step} of {STEPS} steps"
+            ibdata.save_network(path, learned, history=HISTORY, provenance=provenance)
 
-    train(wanted[0].algorithm, rows, SEED, max(by_steps), keep)
+    train(checkpoints[0].algorithm, rows, SEED, max(by_steps), keep)
 
 
 def by_importance(start: ibdata.Dataset, target: Target) -> Importance:
@@ -171,8 +171,8 @@ def by_fqe(rows: Rows, target: Target, fits: int = FITS) -> float:
     """
     torch.set_num_threads(1)
     d3rlpy.seed(0)
-    own = rows.rewards[rows.transitions].astype(np.float64)
-    mean, std = float(own.mean()), float(own.std())
+    rewards = rows.rewards[rows.transitions].astype(np.float64)
+    mean, std = float(rewards.mean()), float(rewards.std())
     scaled = rows._replace(rewards=((rows.rewards - mean) / std).astype(np.float32))
     adapter = Adapter(target)
     config = FQEConfig(

@@ -31,5 +31,5 @@ def fitted_network(x: Floats, y: Floats, passes: int) -> Model:
 
 def deviation(x: npt.NDArray[Any]) -> Floats:
     """The standard deviation of each column, 1 where it is 0."""
-    found: Floats = x.std(axis=0)
-    return np.where(found > 0.0, found, 1.0)
+    std: Floats = x.std(axis=0)
+    return np.where(std > 0.0, std, 1.0)

@@ -133,8 +133,8 @@ class Policy(nn.Module):
 
 def deviation(values: Tensor) -> Tensor:
     """The standard deviation of each column, 1 where it is 0."""
-    found = values.std(dim=0)
-    return torch.where(found > 1e-6, found, 1.0)
+    std = values.std(dim=0)
+    return torch.where(std > 1e-6, std, 1.0)
 
 
 def steered(seen: Tensor, actions: Tensor) -> Tensor:

@@ -129,8 +129,8 @@ def policy_of(algorithm: str, learned: Any) -> Any:
 def hyperparameters(config: Any) -> dict[str, Any]:
     """The protocol, and all numbers and texts of a configuration."""
     plain = {name: value for name, value in vars(config).items() if type(value) in (int, float, str)}
-    said = {"history": HISTORY, "reward_scale": REWARD_SCALE, "hidden_units": list(HIDDEN)}
-    return {**said, **plain}
+    protocol = {"history": HISTORY, "reward_scale": REWARD_SCALE, "hidden_units": list(HIDDEN)}
+    return {**protocol, **plain}
 
 
 def train(

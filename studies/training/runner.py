@@ -22,21 +22,21 @@ PLACE = Path(os.environ.get("IBDATA_BASELINES") or Path.home() / ".cache" / "ibd
 
 @dataclass(frozen=True)
 class Runner:
-    """The runs of a script. `made` and `said` take a key and the folder of the datasets, and a result."""
+    """The runs of a script. `make` and `describe` take a key and the folder of the datasets, and a result."""
 
     text: str  # the docstring of the script
     plan: list[Any]  # the keys of the runs, tuples, in an order which makes a part of them useful
     kind: type[Any]  # of the results, with `key` and `model_validate_json`
     file: Path
-    made: Callable[[Any, Path], Any]
-    said: Callable[[Any], str]
+    make: Callable[[Any, Path], Any]
+    describe: Callable[[Any], str]
     write_page: Callable[[list[Any]], None]
 
     def known(self, file: Path) -> dict[Any, Any]:
         """The results in a file by their keys, in the order of the plan."""
         lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-        found = {line.key: line for line in map(self.kind.model_validate_json, lines)}
-        return {key: found[key] for key in self.plan if key in found}
+        results = {line.key: line for line in map(self.kind.model_validate_json, lines)}
+        return {key: results[key] for key in self.plan if key in results}
 
     def main(self) -> None:
         """Do what the arguments say."""
@@ -73,16 +73,16 @@ class Runner:
         """Make a result, unless it is known. Return False if that failed; the other runs go on."""
         known = self.known(options.out).get(key)
         if options.list:
-            print(name, self.said(known) if known else "missing", sep=": ")
+            print(name, self.describe(known) if known else "missing", sep=": ")
         elif known is None or options.again:
             try:
-                line = self.made(key, options.data)
+                line = self.make(key, options.data)
             except Exception:
                 print(f"{name}: failed\n{traceback.format_exc()}", file=sys.stderr, flush=True)
                 return False
-            print(f"{name}: {self.said(line)}", flush=True)
+            print(f"{name}: {self.describe(line)}", flush=True)
             if known:
-                print(f"{name}, in {options.out.name}: {self.said(known)}", flush=True)
+                print(f"{name}, in {options.out.name}: {self.describe(known)}", flush=True)
             else:
                 with options.out.open("a", encoding="utf-8") as file:
                     file.write(line.model_dump_json() + "\n")
@@ -99,8 +99,8 @@ def dataset(name: str, data: Path, steps: int | None = None) -> ibdata.Dataset:
     """The dataset of a shipped experiment, or the first steps of its episodes, without splits."""
     folder = data / (name.replace("/", "-") + (f"-{steps}-steps" if steps else ""))
     changes: dict[str, Any] = {"splits": {}, **({"steps": steps} if steps else {})}
-    made: ibdata.Dataset = ibdata.generate(name, folder, overrides=changes, workers=1, resume=True)
-    return made
+    generated: ibdata.Dataset = ibdata.generate(name, folder, overrides=changes, workers=1, resume=True)
+    return generated
 
 
 @lru_cache(maxsize=1)

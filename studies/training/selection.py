@@ -85,7 +85,9 @@ class Measure(NamedTuple):
 
 def plan() -> list[Checkpoint]:
     """All target policies in their order: of each set, 20."""
-    return [Checkpoint(name, each, steps) for name in SETS for each in AT for steps in AT[each]]
+    return [
+        Checkpoint(name, algorithm, steps) for name in SETS for algorithm in AT for steps in AT[algorithm]
+    ]
 
 
 def absolute_error(values: Floats, estimates: Floats) -> float:
@@ -123,8 +125,8 @@ def measured(
     Resamples without a measure, such as those in which all policies are the same, are left out.
     """
     draws = np.random.default_rng(seed).integers(len(values), size=(RESAMPLES, len(values)))
-    found = [measure(values[one], estimates[one]) for one in draws]
-    kept = [x for x in found if not math.isnan(x)]
+    resampled = [measure(values[one], estimates[one]) for one in draws]
+    kept = [x for x in resampled if not math.isnan(x)]
     low, high = np.quantile(kept, [0.025, 0.975]) if kept else (math.nan, math.nan)
     return Measure(measure(values, estimates), float(low), float(high))
 
@@ -136,8 +138,8 @@ def values_of(lines: Sequence[Line]) -> Floats:
 
 def estimates_of(lines: Sequence[Line], estimator: str) -> Floats | None:
     """The estimates (n,) of all policies; None if some policy has none."""
-    found = [line.estimates[estimator].mean_return for line in lines]
-    return None if None in found else np.array(found, dtype=np.float64)
+    means = [line.estimates[estimator].mean_return for line in lines]
+    return None if None in means else np.array(means, dtype=np.float64)
 
 
 def number(x: float, digits: int = 1) -> str:
@@ -145,11 +147,11 @@ def number(x: float, digits: int = 1) -> str:
     return f"{x:.{digits}f}".replace("-", "−") if round(x, digits) else f"{0.0:.{digits}f}"
 
 
-def cell(found: Measure, digits: int) -> str:
+def cell(measure: Measure, digits: int) -> str:
     """A measure and its interval; – if there is none."""
-    if np.isnan(found.value):
+    if np.isnan(measure.value):
         return "–"
-    return f"{number(found.value, digits)} [{number(found.low, digits)}, {number(found.high, digits)}]"
+    return f"{number(measure.value, digits)} [{number(measure.low, digits)}, {number(measure.high, digits)}]"
 
 
 def of(lines: Sequence[Line], name: str) -> list[Line]:
@@ -172,8 +174,8 @@ def measures(lines: Sequence[Line]) -> str:
 
 def covered(lines: Sequence[Line], estimator: str) -> str:
     """How many estimates there are, and how many of their 95 % intervals contain the true value."""
-    found = [(line.estimates[estimator].interval, line.value.mean_return or 0.0) for line in lines]
-    inside = [interval[0] <= value <= interval[1] for interval, value in found if interval is not None]
+    pairs = [(line.estimates[estimator].interval, line.value.mean_return or 0.0) for line in lines]
+    inside = [interval[0] <= value <= interval[1] for interval, value in pairs if interval is not None]
     return f"{sum(inside)} of {len(inside)}"
 
 
@@ -181,10 +183,10 @@ def weights(lines: Sequence[Line]) -> str:
     """What becomes of the weights of each set: median effective numbers of episodes, and the intervals."""
     rows = []
     for name in SETS:
-        if own := of(lines, name):
-            sizes = [[line.effective[n] for line in own] for n in STEPS]
+        if policies := of(lines, name):
+            sizes = [[line.effective[n] for line in policies] for n in STEPS]
             shown = [f"{np.median(size):,.1f}" for size in sizes]
-            intervals = [covered(own, estimator) for estimator in (PER_DECISION, WEIGHTED)]
+            intervals = [covered(policies, estimator) for estimator in (PER_DECISION, WEIGHTED)]
             rows.append([f"`{name.partition('/')[2]}`", *shown, *intervals])
     steps = [f"{n} step{'s' * (n != '1')}" for n in STEPS]
     return table(["set", *steps, NAMES[PER_DECISION], NAMES[WEIGHTED]], rows)
@@ -198,16 +200,16 @@ def block(lines: Sequence[Line]) -> str:
         f"errors of the true values are at most {max(errors) / 100:.2f}."
     ]
     for name in SETS:
-        own, wanted = of(lines, name), [one for one in plan() if one.set == name]
+        policies, planned = of(lines, name), [one for one in plan() if one.set == name]
         parts.append(f"### Estimators on `{name}`")
-        if len(own) < len(wanted):
-            parts.append(f"{len(own)} of {len(wanted)} target policies are done; measures need all.")
+        if len(policies) < len(planned):
+            parts.append(f"{len(policies)} of {len(planned)} target policies are done; measures need all.")
             continue
-        values = values_of(own) / 100
+        values = values_of(policies) / 100
         low, middle, high = map(number, np.quantile(values, [0.0, 0.5, 1.0]))
         one, five = (number(chance_regret(values, k)) for k in CHOSEN)
         parts.append(f"True values: {low} to {high}, median {middle}. Regret of chance: {one} and {five}.")
-        parts.append(measures(own))
+        parts.append(measures(policies))
     parts += [
         "### Importance weights",
         "Medians of the effective number of episodes, by the number of steps. The last two columns say how "

@@ -14,6 +14,7 @@ from ibdata import evaluate, generate
 from ibdata.errors import PolicyError
 from ibdata.evaluation.policies import policy_of
 from ibdata.policies import Decision
+from ibdata.policies.checked import AnswerError
 from ibdata.testing import check_policy
 
 
@@ -172,7 +173,7 @@ def test_a_remembering_object_is_asked_in_order(steps, asked):
         policy.decide(given)
     wrong = questions[0].apply(lambda x: x[: len(steps)])._replace(step=np.array(steps))
     line = f"found an object that remembers, asked about step {steps[0]}, expected the steps of the same"
-    with pytest.raises(PolicyError, match=line):
+    with pytest.raises(AnswerError, match=line):
         policy.decide(wrong)
 
 

@@ -31,7 +31,7 @@ def run(baselines, tmp_path, monkeypatch, capsys):
     """A function that runs a part of the plan untrained, and returns the results and what it prints."""
 
     def run(plan, *arguments, made=lambda key, data: line(key), file="x.jsonl"):
-        one = Runner("", plan, Baseline, tmp_path / file, made, baselines.said, lambda lines: None)
+        one = Runner("", plan, Baseline, tmp_path / file, made, baselines.describe, lambda lines: None)
         monkeypatch.setattr(sys, "argv", ["baselines", *arguments])
         capsys.readouterr()
         one.main()

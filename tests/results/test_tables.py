@@ -29,7 +29,7 @@ CANONICAL, QUALITY, MODELS, VIEWS = map(stored, ("canonical", "quality", "world-
 
 @pytest.mark.parametrize("name", ["canonical", "quality", "world-models"])
 def test_a_table_is_that_of_the_stored_results(name):
-    assert measured(page(name)).strip() == script(name).listed(stored(name))
+    assert measured(page(name)).strip() == script(name).table_of(stored(name))
 
 
 def test_every_shipped_set_has_a_row():

@@ -87,4 +87,4 @@ def test_a_policy_that_fails_is_a_result(baselines, monkeypatch):
     line = baselines.learned(baselines.Run("siemens-offline/optimized-40", "bc", 0), None)
     assert line.mean_return is line.values is None
     assert "expected finite numbers" in line.failure
-    assert baselines.said(line).startswith("failed: policy broken")
+    assert baselines.describe(line).startswith("failed: policy broken")

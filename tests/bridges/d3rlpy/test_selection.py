@@ -108,7 +108,7 @@ def test_the_script_trains_what_is_missing(small, tmp_path, monkeypatch):
     monkeypatch.setattr(estimators, "EXAMPLES", 2000)
     other.file(tmp_path).parent.mkdir()
     other.file(tmp_path).write_bytes(b"kept")
-    line, target = selection.made(one, tmp_path), estimators.Target(one.file(tmp_path))
+    line, target = selection.make(one, tmp_path), estimators.Target(one.file(tmp_path))
     assert other.file(tmp_path).read_bytes() == b"kept"
     assert sorted(path.name for path in other.file(tmp_path).parent.iterdir()) == [
         "siemens-offline-global-100-bc-2.safetensors",
