@@ -24,7 +24,6 @@ from ibdata.generation.upload import refuse_overwrite
 from ibdata.generation.workers import divide, refuse_workers
 from ibdata.numerics.naming import counted, size
 from ibdata.system.files import HashingFile
-from ibdata.system.part import Part
 from ibdata.system.processes import available_processors
 from ibdata.writing.columns import ROW_GROUP_ROWS, Piece
 from ibdata.writing.shard import describe, parquet_writer
@@ -119,7 +118,7 @@ def _action(experiment: Experiment, place: Path | str, mode: Mode) -> str | None
         return None
     target = Target(place)
     try:
-        return decide(look(target, DatasetSpec.of(experiment), Part(target.path)), mode).value
+        return decide(look(target, DatasetSpec.of(experiment), with_part=True), mode).value
     except TakenError as error:
         return f"stop: {error}"
 

@@ -29,7 +29,7 @@ from ibdata.generation.record import Record, observe
 from ibdata.generation.target import Action, Mode, Target, damage, decide, refuse_name
 from ibdata.generation.workers import Engine, select_engine
 from ibdata.numerics.naming import counted
-from ibdata.system.part import Part, locked_part
+from ibdata.system.part import locked_part
 from ibdata.system.progress import Progress
 from ibdata.system.storage import is_url, local, refuse_url, url_of
 from ibdata.writing.shard import is_whole
@@ -252,7 +252,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """
     refuse_url(folder)
     place, target = Path(folder), Target(folder)
-    if Record.read(Part(target.path).folder) is None:
+    if Record.read(target.part.folder) is None:
         if target.is_free:
             raise UsageError(
                 f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"

@@ -42,7 +42,7 @@ class Job:
     ) -> None:
         self.target, self.spec, self.mode = target, spec, mode
         self.progress = progress or Progress()
-        self.part = Part(target.path)
+        self.part: Part
         self.record: Record
 
     @classmethod
@@ -95,7 +95,7 @@ class Job:
     def begin(self) -> Action:
         """Begin the run in the part, or go on with the one that is in it, as `decide` says."""
         recover(self.part)
-        found = look(self.target, self.spec, self.part, self.record)
+        found = look(self.target, self.spec, self.record, with_part=True)
         action = decide(found, self.mode)
         if action is Action.DISCARD:
             notice(f"{self.target.name}: the unfinished run {found.run} that was begun here is discarded")
@@ -185,8 +185,7 @@ def recover(part: Part) -> None:
 
 def remove_published(target: Target) -> None:
     """Remove the part of a dataset that is there, if its run was killed after it had published it."""
-    part = Part(target.path)
-    if part.folder.exists():
+    if target.part.folder.exists():
         with suppress(IbdataError), locked_part(target.path) as part:
             recover(part)
 

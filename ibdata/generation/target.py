@@ -38,6 +38,11 @@ class Target:
         self.path, self.name = resolved(place), name or Path(place)
 
     @property
+    def part(self) -> Part:
+        """The part, in which the dataset is made."""
+        return Part(self.path)
+
+    @property
     def is_free(self) -> bool:
         """Whether there is nothing but perhaps an empty folder."""
         with refusals(self.name):
@@ -174,8 +179,10 @@ def decide(found: Found, mode: Mode) -> Action:
     return Action.DISCARD
 
 
-def look(target: Target, spec: DatasetSpec, part: Part | None = None, record: Record | None = None) -> Found:
-    """What is at the target of a dataset, and with a part, what was begun in it.
+def look(
+    target: Target, spec: DatasetSpec, record: Record | None = None, *, with_part: bool = False
+) -> Found:
+    """What is at the target of a dataset, and on demand, what was begun in its part.
 
     Without a record of this process, a run is known by its experiment only.
     Raises UsageError if no dataset can appear at the target.
@@ -183,8 +190,8 @@ def look(target: Target, spec: DatasetSpec, part: Part | None = None, record: Re
     target.refuse()
     with refusals(target.name):
         found = Found(target.name, At.FREE) if target.is_free else _found_at(target, spec)
-        if part is not None and part.receipts:
-            run = difference(part.folder, spec.experiments[0], record)
+        if with_part and target.part.receipts:
+            run = difference(target.part.folder, spec.experiments[0], record)
             found = found._replace(begun=Begun.SAME if run is None else Begun.OTHER, run=run)
     return found
 

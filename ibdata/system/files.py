@@ -104,7 +104,7 @@ def write(folder: Path, path: str, data: bytes) -> FileEntry:
 
 def part_of(target: Path) -> Path:
     """The hidden name beside a place, under which what is to appear there is made."""
-    return target.with_name(f".{target.name}.part")
+    return target.parent / f".{target.name}.part"  # also of /, which has no name
 
 
 def keep_access(old: Path, new: Path) -> None:
