@@ -57,10 +57,11 @@ def public(function: Callable[P, R], keys: Iterable[str] = ()) -> Callable[P, R]
 def _types(function: Callable[..., Any]) -> dict[str, Any]:
     """The types of the parameters of a function, in their order."""
     types = {}
-    for each in inspect.signature(function).parameters.values():
-        annotation = Any if each.annotation is each.empty else each.annotation  # empty for `self`
+    for parameter in inspect.signature(function).parameters.values():
+        is_self = parameter.annotation is parameter.empty
+        annotation = Any if is_self else parameter.annotation
         hint = SimpleNamespace(__annotations__={"type": annotation})
-        name = OTHERS if each.kind == each.VAR_KEYWORD else each.name
+        name = OTHERS if parameter.kind == parameter.VAR_KEYWORD else parameter.name
         try:
             types[name] = get_type_hints(hint, function.__globals__, include_extras=True)["type"]
         except NameError:  # imported for type checkers only
@@ -71,7 +72,7 @@ def _types(function: Callable[..., Any]) -> dict[str, Any]:
 def _meant(name: str, value: Any, known: Iterable[str], keys: Iterable[str]) -> str:
     """What a user may have meant by an unknown name."""
     overrides = {key.rpartition(".")[2]: key for key in keys if key not in known}
-    names = [each for each in known if each != "self"]
+    names = [option for option in known if option != "self"]
     near = name if name in overrides else nearest(name, [*names, *overrides])
     if near in overrides:
         return f"; did you mean overrides={{{overrides[near]!r}: {excerpt(value)}}}?"
@@ -80,19 +81,19 @@ def _meant(name: str, value: Any, known: Iterable[str], keys: Iterable[str]) -> 
 
 def _taken(name: str, value: Any, kind: Any) -> Any:
     """A value in a type, or in one of a union. Raises UsageError if it is of none."""
-    found = _as(name, value, kind)
-    if found is WRONG:
+    taken = _as(name, value, kind)
+    if taken is WRONG:
         words = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
-        *others, last = words or dict.fromkeys(_words(*each) for each in _kinds(kind))
+        *others, last = words or dict.fromkeys(_words(*member) for member in _kinds(kind))
         expected = f"{', '.join(others)} or {last}" if others else last
         raise UsageError(f"{name}: found {excerpt(_plain(value))}, expected {expected}")
-    return found
+    return taken
 
 
 def _words(kind: Any, inner: tuple[Any, ...]) -> str:
     name = kind.__name__
     if name in ("Sequence", "tuple"):
-        parts = [_words(*each).partition(" ")[2] for each in _kinds(inner[0])]
+        parts = [_words(*member).partition(" ")[2] for member in _kinds(inner[0])]
         return f"a list of {' or '.join(f'{part}s' for part in parts if part)}"
     return WORDS.get(name) or f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
 
@@ -102,9 +103,9 @@ def _kinds(kind: Any) -> tuple[tuple[Any, tuple[Any, ...]], ...]:
     """The types of a union, or the one type, each with its arguments; none if any value will do."""
     kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     union = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    if any(each is Any or getattr(get_origin(each), "_is_protocol", False) for each in union):
+    if any(member is Any or getattr(get_origin(member), "_is_protocol", False) for member in union):
         return ()  # as for array-likes
-    return tuple((get_origin(each) or each, get_args(each)) for each in union)
+    return tuple((get_origin(member) or member, get_args(member)) for member in union)
 
 
 def _plain(value: Any) -> Any:
@@ -118,11 +119,11 @@ def _as(name: str, value: Any, kind: Any) -> Any:
     kinds = _kinds(kind)
     if (type(value), ()) in kinds:  # as most are
         return value
-    if any(each in (bool, int, float, Sequence, tuple) for each, _ in kinds):
+    if any(member in (bool, int, float, Sequence, tuple) for member, _ in kinds):
         value = _plain(value)
-    for each, inner in kinds:
-        if (found := _as_one(name, value, each, inner)) is not WRONG:
-            return found
+    for member, inner in kinds:
+        if (taken := _as_one(name, value, member, inner)) is not WRONG:
+            return taken
     return WRONG if kinds else value
 
 
@@ -136,10 +137,10 @@ def _as_one(name: str, value: Any, kind: Any, inner: tuple[Any, ...]) -> Any:
     if kind in (Sequence, tuple):
         if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping):
             return WRONG
-        values = [_as(name, each, inner[0]) for each in value]
-        return WRONG if any(each is WRONG for each in values) else values
+        values = [_as(name, item, inner[0]) for item in value]
+        return WRONG if any(item is WRONG for item in values) else values
     if not isinstance(value, kind):
         return WRONG
     if kind is Mapping:
-        return {key: _taken(f"{name}: {key}", each, inner[1]) for key, each in value.items()}
+        return {key: _taken(f"{name}: {key}", item, inner[1]) for key, item in value.items()}
     return value

@@ -117,12 +117,12 @@ def generate_command(
     from ibdata.generation.generate import generate
 
     start = time.perf_counter()
-    made = generate(config, out, shards=shards, **settings)
+    result = generate(config, out, shards=shards, **settings)
     seconds = time.perf_counter() - start
     if shards is not None:
-        part: Result = made
+        part: Result = result
         return part
-    return Suite(made, seconds) if isinstance(made, Mapping) else Made(made, seconds)
+    return Suite(result, seconds) if isinstance(result, Mapping) else Made(result, seconds)
 
 
 def _only_one(argument: str | None, option: str | None) -> str:

@@ -63,12 +63,12 @@ class Scale(JsonObject):
         """
         known = {(r.policy, r.setpoint): r for r in self.results}
         pairs = [(known.get((ZERO, p)), known.get((top, p))) for p in setpoints]
-        found = [(low, high) for low, high in pairs if low is not None and high is not None]
-        if len(found) < len(pairs):
+        both = [(low, high) for low, high in pairs if low is not None and high is not None]
+        if len(both) < len(pairs):
             return None
-        n = len(found)
-        low, high = (math.fsum(r.mean_return for r in end) / n for end in zip(*found, strict=True))
-        error = math.hypot(*(r.standard_error for pair in found for r in pair)) / n
+        n = len(both)
+        low, high = (math.fsum(r.mean_return for r in end) / n for end in zip(*both, strict=True))
+        error = math.hypot(*(r.standard_error for pair in both for r in pair)) / n
         return (low, high) if high - low > SIGMAS * error else None
 
     def score(self, setpoint: float, mean_return: float, top: str = HUNDRED) -> float | None:

@@ -53,7 +53,7 @@ def run(
     Raises IbdataError if workers die repeatedly at one shard, or if Ray does not answer at its address.
     """
     ray = library()
-    with _connected(ray, workers, address) as own:
+    with _connected(ray, workers, address) as is_started:
         work = ray.remote(max_retries=MAX_DEATHS, **_own_workers(spec, root))(_work)
         task = ray.put(WorkerTask.of(spec, root))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
@@ -75,7 +75,7 @@ def run(
             check()
             raise
         finally:
-            if running and not own:  # a Ray that was started here is stopped with its workers
+            if running and not is_started:  # a Ray that was started here is stopped with its workers
                 for future in running:
                     ray.cancel(future)  # not by force, which may crash Ray 2.60 itself
                 ray.wait(list(running), num_returns=len(running), timeout=30)

@@ -70,7 +70,7 @@ def observe(spec: DatasetSpec) -> Record:
 
     What a user should know about its policies is said on stderr.
     """
-    found = Record(
+    record = Record(
         data_version=manifest.DATA_VERSION,
         shards=len(spec.shards),
         code=_code(spec),
@@ -86,7 +86,7 @@ def observe(spec: DatasetSpec) -> Record:
         for label, policy in zip(experiment.labels, experiment.policies, strict=True):
             for note in other_dynamics(policy, experiment.scenario):
                 notice(f"{label}: {note}")
-    return found
+    return record
 
 
 def _code(spec: DatasetSpec) -> list[Code]:

@@ -38,7 +38,7 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
         raise UsageError(f"merge: found {counted(len(folders), 'dataset')}, expected at least 2")
     datasets = [Dataset(folder) for folder in folders]
     recipes = [spec_in(d.stored).all_declared() for d in datasets]
-    sources = [each for d, spec in zip(datasets, recipes, strict=True) for each in sources_of(d, spec)]
+    sources = [source for d, spec in zip(datasets, recipes, strict=True) for source in sources_of(d, spec)]
     experiments = tuple(experiment for spec in recipes for experiment in spec.experiments)
     for b, y in zip(experiments[1:], sources[1:], strict=True):
         _refuse_other_columns(experiments[0], b, sources[0], y)
@@ -53,10 +53,10 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
 def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) -> None:
     kinds = [{c.name: c.dtype for c in columns(e)} for e in (a, b)]
     for name in dict.fromkeys([*kinds[0], *kinds[1]]):
-        found = [kind.get(name, "none") for kind in kinds]
-        if found[0] != found[1]:
+        types = [kind.get(name, "none") for kind in kinds]
+        if types[0] != types[1]:
             raise UsageError(
-                f"{y.dataset.place}: column {name}: found {found[1]}, expected {found[0]} "
+                f"{y.dataset.place}: column {name}: found {types[1]}, expected {types[0]} "
                 f"as in {x.dataset.place}"
             )
     if a.drifting != b.drifting:

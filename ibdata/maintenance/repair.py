@@ -177,16 +177,16 @@ def _checked_shards(stored: Stored, spec: DatasetSpec, broken: list[str]) -> lis
     """
     are_read = not set(broken).isdisjoint(NEED_CONTENT)
     shards: list[WrittenShard | None] = []
-    for shard, listed in zip(spec.shards, stored.manifest.shards, strict=True):
-        entry = stored.manifest.entries()[listed.path]
-        if not (are_read or listed.path in broken):
+    for shard, shard_entry in zip(spec.shards, stored.manifest.shards, strict=True):
+        entry = stored.manifest.entries()[shard_entry.path]
+        if not (are_read or shard_entry.path in broken):
             shards.append(WrittenShard(shard, entry, UNREAD))
             continue
-        content, _ = check_shard(spec, shard, stored.storage, listed.path)
-        if content is None or content_of(content.digests) != listed.content:
+        content, _ = check_shard(spec, shard, stored.storage, shard_entry.path)
+        if content is None or content_of(content.digests) != shard_entry.content:
             shards.append(None)
         else:
-            shards.append(WrittenShard(shard, _entry(stored, listed.path) or entry, content))
+            shards.append(WrittenShard(shard, _entry(stored, shard_entry.path) or entry, content))
         check()
     return shards
 

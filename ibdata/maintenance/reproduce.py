@@ -87,8 +87,8 @@ def _made_again(spec: DatasetSpec, asked: list[Shard], digests: list[bytes]) -> 
 
 
 def _root(spec: DatasetSpec, listed: Manifest, digests: list[bytes]) -> Iterator[Problem]:
-    own = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in spec.shards)
-    root = root_of(spec, own)
+    digests_of_shards = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in spec.shards)
+    root = root_of(spec, digests_of_shards)
     if root != listed.content_root:
         message = f"content root: found {listed.content_root}, expected {root}"
         yield Problem(manifest.PATH, None, "reproduce", message)

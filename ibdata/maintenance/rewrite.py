@@ -54,16 +54,16 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
         if part.receipts:
             raise UsageError(f"{target.name}: holds an unfinished run of generate; choose another --out")
         part.clear()
-        made = part.folder / DATASET
-        made.mkdir()
+        folder = part.folder / DATASET
+        folder.mkdir()
         written = []
         for shard in spec.shards:
-            written.append(_copied(spec, shard, sources[shard.experiment], made))
+            written.append(_copied(spec, shard, sources[shard.experiment], folder))
             check()
-        listed = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
-        code = [each for one in listed for each in one.code]
-        clipped = sum(one.clipped_actions for one in listed)
-        finish(spec, written, made, all(one.reproducible for one in listed), code, clipped)
+        manifests = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
+        code = [entry for one in manifests for entry in one.code]
+        clipped = sum(one.clipped_actions for one in manifests)
+        finish(spec, written, folder, all(one.reproducible for one in manifests), code, clipped)
         target.refuse_taken()  # somebody may have put files there meanwhile
         publish(part)
     return Dataset(target.name)
@@ -92,10 +92,10 @@ def _pieces(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[Piece]:
 def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[pa.RecordBatch]:
     names, steps = layout(experiment).names, experiment.steps
     first, stop = source.first + shard.first, source.first + shard.stop
-    for number, listed in enumerate(source.dataset.stored.manifest.shards):
-        low, high = max(first, listed.episodes[0]), min(stop, listed.episodes[1])
+    for number, entry in enumerate(source.dataset.stored.manifest.shards):
+        low, high = max(first, entry.episodes[0]), min(stop, entry.episodes[1])
         if low < high:
-            start, end = ((episode - listed.episodes[0]) * steps for episode in (low, high))
+            start, end = ((episode - entry.episodes[0]) * steps for episode in (low, high))
             yield from source.dataset.stored.batches(number, names, BATCH_ROWS, start, end)
 
 

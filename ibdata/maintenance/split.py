@@ -81,17 +81,17 @@ def split(
     options: dict[str, Any] = {"scheme": scheme, **points, "shots": shots}
     options |= {"transitions": transitions, "within": within}
     options["fractions"] = _several(() if fractions is None else fractions)
-    given = {
+    chosen = {
         name: x for name, x in options.items() if x is not None and not (isinstance(x, Sequence) and not x)
     }
-    if by not in OPTIONS and (by is not None or given or not (remove or materialize)):
+    if by not in OPTIONS and (by is not None or chosen or not (remove or materialize)):
         found = "nothing" if by is None else repr(by)
         raise UsageError(f"split: found {found}, expected a property: --by setpoint, episode or policy")
-    made = _made(spec, by, given) if by else {}
-    new = _named(made, prefix, names or {})
+    splits = _made(spec, by, chosen) if by else {}
+    new = _named(splits, prefix, names or {})
     _refuse_names(dataset, spec, new)
     _refuse_removal(dataset, spec, remove)
-    gone = {*remove, *(_prefixed(name, prefix) for name in _made_together(made))}
+    gone = {*remove, *(_prefixed(name, prefix) for name in _made_together(splits))}
     later = {name: split for name, split in spec.later.items() if name not in gone}
     labelled = DatasetSpec(spec.name, spec.experiments, {**later, **new})
     if materialize is None:
@@ -100,8 +100,8 @@ def split(
 
 
 def _several(numbers: float | Sequence[float]) -> list[float]:
-    listed: list[float] = np.ravel(numbers).tolist()
-    return listed
+    several: list[float] = np.ravel(numbers).tolist()
+    return several
 
 
 def _made(spec: DatasetSpec, by: str, given: dict[str, Any]) -> Splits:
@@ -115,16 +115,16 @@ def _made(spec: DatasetSpec, by: str, given: dict[str, Any]) -> Splits:
     return split_schemes.SCHEMES[scheme if by == "setpoint" else by](spec, **options)
 
 
-def _named(made: Splits, prefix: str | None, names: Mapping[str, str]) -> Splits:
+def _named(splits: Splits, prefix: str | None, names: Mapping[str, str]) -> Splits:
     """The splits under the names asked for."""
-    if not made and (prefix is not None or names):
+    if not splits and (prefix is not None or names):
         raise UsageError("split: found a name or a prefix, but no splits to make; expected --by")
     for name in names:
-        if name not in made:
-            known = f"{', '.join(made)}{suggestion(name, made)}"
+        if name not in splits:
+            known = f"{', '.join(splits)}{suggestion(name, splits)}"
             raise UsageError(f"split: found {name!r} to be renamed, expected one of {known}")
-    named = {names.get(name, _prefixed(name, prefix)): split for name, split in made.items()}
-    if len(named) < len(made):
+    named = {names.get(name, _prefixed(name, prefix)): split for name, split in splits.items()}
+    if len(named) < len(splits):
         raise UsageError("split: found one name for two splits, expected different names")
     return named
 
@@ -133,9 +133,9 @@ def _prefixed(name: str, prefix: str | None) -> str:
     return name if prefix is None else f"{prefix}-{name}"
 
 
-def _made_together(made: Splits) -> set[str]:
+def _made_together(splits: Splits) -> set[str]:
     """The names of all splits that may have been made together with splits of these names."""
-    return {name for group in split_schemes.TOGETHER if group & made.keys() for name in group}
+    return {name for group in split_schemes.TOGETHER if group & splits.keys() for name in group}
 
 
 def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: Splits) -> None:

@@ -24,15 +24,15 @@ OPTIONS = {
 }
 
 
-def refuse_unused(given: Iterable[str], by: str, scheme: str) -> None:
+def refuse_unused(options: Iterable[str], by: str, scheme: str) -> None:
     """Raise UsageError for a given option that the way to split does not use."""
     way, used = f"a split by {by}", OPTIONS[by]
     if by == "setpoint":
         way, used = f"the scheme {scheme}", ("scheme", *SCHEMES[scheme])
-    for option in given:
+    for option in options:
         if option not in used:
-            own = [f"--{name}" for name in used if name != "scheme"]
-            raise UsageError(f"split: found --{option}, but {way} uses {_only(own)}")
+            known = [f"--{name}" for name in used if name != "scheme"]
+            raise UsageError(f"split: found --{option}, but {way} uses {_only(known)}")
 
 
 def _only(options: list[str]) -> str:

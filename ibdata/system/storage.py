@@ -207,9 +207,9 @@ def plain_errors() -> Iterator[None]:
 
 def storage(place: Any) -> Storage:
     """The files at a place: a folder, a URL, or a dataset, which has a `storage` of its own."""
-    own = getattr(place, "storage", place)
-    if isinstance(own, Storage):
-        return own
+    files = getattr(place, "storage", place)
+    if isinstance(files, Storage):
+        return files
     url = url_of(place)
     return Storage(place) if url is None else Remote(url)
 
@@ -218,8 +218,8 @@ def url_of(place: Any) -> str | None:
     """The URL that a place is, or at which a dataset is; None for paths."""
     if isinstance(place, str):
         return place if URL.match(place) else None
-    own = getattr(place, "storage", place)
-    return own.url if isinstance(own, Storage) else None
+    files = getattr(place, "storage", place)
+    return files.url if isinstance(files, Storage) else None
 
 
 def is_url(place: Any) -> bool:

@@ -81,8 +81,8 @@ class Rows(NamedTuple):
     def changed(self, before: str, after: str) -> Array:
         """The rows in which `before` is not what `after` is in the next row of the episode (k,)."""
         x, y = (self.columns[name].reshape(-1, self.experiment.steps) for name in (before, after))
-        found = np.flatnonzero(x[:, :-1] != y[:, 1:])
-        rows: Array = found + found // max(1, self.experiment.steps - 1)
+        changes = np.flatnonzero(x[:, :-1] != y[:, 1:])
+        rows: Array = changes + changes // max(1, self.experiment.steps - 1)
         return rows
 
     @property
@@ -133,11 +133,11 @@ def policy(rows: Rows) -> Found:
     """Every row has the label of its episode's policy."""
     labels = rows.experiment.labels
     numbers = policy_numbers(rows.experiment, rows.part)
-    found, expected = rows.columns["policy"], np.repeat(numbers, rows.experiment.steps)
-    broken = found != expected
+    stored, expected = rows.columns["policy"], np.repeat(numbers, rows.experiment.steps)
+    broken = stored != expected
     if broken.any():
         row = int(np.argmax(broken))
-        shown = labels[found[row]] if found[row] >= 0 else "another label"
+        shown = labels[stored[row]] if stored[row] >= 0 else "another label"
         count = int(np.count_nonzero(broken))
         yield Broken(row, f"found {shown}, expected {labels[expected[row]]}", count)
 

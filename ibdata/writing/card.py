@@ -133,7 +133,7 @@ def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
 
 
 def _text(spec: DatasetSpec, root: str) -> str:
-    made = [
+    lines = [
         f"# {spec.name}",
         "",
         ABOUT,
@@ -157,18 +157,18 @@ def _text(spec: DatasetSpec, root: str) -> str:
     ]
     per_split = splits(spec)
     if per_split:
-        made += ["| split | episodes | rows |", "|---|---|---|"]
-        made += [f"| {name} | {s.episodes:,} | {s.rows:,} |" for name, s in per_split.items()] + [""]
-    return "\n".join(made)
+        lines += ["| split | episodes | rows |", "|---|---|---|"]
+        lines += [f"| {name} | {s.episodes:,} | {s.rows:,} |" for name, s in per_split.items()] + [""]
+    return "\n".join(lines)
 
 
 def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
     """The returns of the behaviour, by policy."""
-    found = behaviour_returns(episodes, described)
+    returns = behaviour_returns(episodes, described)
     yield "## Behaviour\n"
     yield "| policy | episodes | steps | return | ± s.e. | reward/step | reference score |"
     yield "|---|---|---|---|---|---|---|"
-    for a in averages(found["results"]):
+    for a in averages(returns["results"]):
         error = "-" if a.standard_error is None else f"{a.standard_error:,.0f}"
         score = "-" if a.reference_score is None else f"{a.reference_score:.1f}"
         policy = "all policies" if a.policy is None else a.policy
@@ -177,17 +177,18 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
             f"| {a.mean_reward:.2f} | {score} |"
         )
     yield "\nA return is the sum of the rewards of an episode, not discounted. Setpoints have equal weights."
-    if found["scale"]:
-        yield f"Reference score: {found['scale']}."
+    if returns["scale"]:
+        yield f"Reference score: {returns['scale']}."
     yield ""
 
 
 def _quality(measures: Quality | ReturnMeasures) -> Iterator[str]:
     """The measures of quality that are known."""
-    found = {name: x for name in MEANING if (x := getattr(measures, name, None)) is not None}
-    texts = column_texts(list(found.values()))
+    measured = {name: x for name in MEANING if (x := getattr(measures, name, None)) is not None}
+    texts = column_texts(list(measured.values()))
     rows = [
-        f"| {name.replace('_', ' ')} | {x} | {MEANING[name]} |" for name, x in zip(found, texts, strict=True)
+        f"| {name.replace('_', ' ')} | {x} | {MEANING[name]} |"
+        for name, x in zip(measured, texts, strict=True)
     ]
     if rows:
         yield "\n".join(["## Quality", "", "| measure | value | meaning |", "|---|---|---|", *rows, ""])
@@ -216,7 +217,7 @@ def _dynamics(experiment: Experiment) -> str:
 
 
 def _again(spec: DatasetSpec) -> list[str]:
-    live = [each.code_target for each in live_objects(spec)]
+    live = [live_object.code_target for live_object in live_objects(spec)]
     if live:
         names = ", ".join(f"`{target}`" for target in dict.fromkeys(live))
         return [f"Nobody can make it again: a policy was an object of a Python session, {names}."]
@@ -247,9 +248,9 @@ def front_matter(licences: Sequence[str]) -> list[str]:
     ['license: [odbl, other]', 'license_name: "MIT OR Apache-2.0"']
     """
     words = {licence: _word(licence) for licence in licences}
-    found = list(dict.fromkeys(words.values()))
+    distinct = list(dict.fromkeys(words.values()))
     others = ", ".join(licence for licence, word in words.items() if word == OTHER)
-    lines = [f"license: {found[0] if len(found) == 1 else '[' + ', '.join(found) + ']'}"]
+    lines = [f"license: {distinct[0] if len(distinct) == 1 else '[' + ', '.join(distinct) + ']'}"]
     return [*lines, f'license_name: "{others}"'] if others else lines
 
 

@@ -181,7 +181,11 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
     files = {file.path for file in listed.files} - {manifest.REPORT}
     targets = list(dict.fromkeys(code.target for code in listed.code))
     for rule, found, expected in (
-        ("experiments", {"shards": shards}, {"shards": [planned_entry(spec, each) for each in spec.shards]}),
+        (
+            "experiments",
+            {"shards": shards},
+            {"shards": [planned_entry(spec, shard) for shard in spec.shards]},
+        ),
         ("rows", listed.rows, spec.rows),
         ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_paths(spec)})),
         ("code", targets, list(dict.fromkeys(policy.code_target for policy in user_objects(spec)))),

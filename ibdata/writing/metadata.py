@@ -168,7 +168,7 @@ def _lists(lists: list[tuple[str, ...]], counts: list[int]) -> pa.ListArray:
     offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     known = {text: i for i, text in enumerate(dict.fromkeys(text for texts in lists for text in texts))}
     numbers = [np.array([known[text] for text in texts], dtype=np.int64) for texts in lists]
-    of = [np.tile(own, n) for own, n in zip(numbers, counts, strict=True)]
+    of = [np.tile(members, n) for members, n in zip(numbers, counts, strict=True)]
     texts = arrow_strings(list(known))
     if known:  # `take` imports pyarrow.compute, which takes 0.05 s
         texts = texts.take(arrow_array(np.concatenate(of)))
@@ -183,7 +183,7 @@ def statistics(spec: DatasetSpec, written: list[WrittenShard]) -> Statistics:
         format="ibdata-statistics",
         version=1,
         all=_described(names, [w.content for w in written]),
-        splits={name: _described(names, own) for name, own in of_splits.items()},
+        splits={name: _described(names, shards) for name, shards in of_splits.items()},
     )
 
 

@@ -98,7 +98,7 @@ def test_the_page_shows_the_rewards_of_the_file():
     page = (ROOT / "docs/evaluation.md").read_text(encoding="utf-8")
     scales = json.loads(made.FILE.read_text(encoding="utf-8"))["scales"]
     assert measured(page).strip() == made.rewards(scales)
-    assert reference().made_by == "scripts/reference-returns"
+    assert reference().made_by == "studies/reference-returns"
 
 
 def made_up(low, high, error):
