@@ -88,7 +88,20 @@ set_option = click.option(
     help="Override an option of the experiment, e.g. --set episodes=100.",
 )
 seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
-split_option = click.option("--split", metavar="NAME", help="Use only rows of this split.")
+
+
+def _one_or_several(context: click.Context, option: click.Parameter, names: tuple[str, ...]) -> Any:
+    """A name, several as a list, or None."""
+    return list(names) if len(names) > 1 else next(iter(names), None)
+
+
+split_option = click.option(
+    "--split",
+    metavar="NAME",
+    multiple=True,
+    callback=_one_or_several,
+    help="Use only rows of this split; give it again for several.",
+)
 reward_option = click.option(
     "--reward",
     type=YAML,

@@ -56,7 +56,11 @@ def info_command(folder: Path | str) -> Result:
 )
 @prints_result
 def head_command(
-    folder: Path | str, rows: int, columns: str | None, split: str | None, at: tuple[int, int] | None
+    folder: Path | str,
+    rows: int,
+    columns: str | None,
+    split: str | list[str] | None,
+    at: tuple[int, int] | None,
 ) -> Printed:
     """Print the first rows of a dataset, or those from --at on, one column per line.
 
@@ -81,7 +85,7 @@ def head_command(
     help="Print measures of the quality of the data instead. They read all rows.",
 )
 @prints_result
-def stats_command(folder: Path | str, split: str | None, of_quality: bool) -> Result:
+def stats_command(folder: Path | str, split: str | list[str] | None, of_quality: bool) -> Result:
     """Print mean, standard deviation, range and median of each column.
 
     \b

@@ -92,7 +92,8 @@ def split_command(folder: Path, as_list: bool, **options: Any) -> Result:
     if as_list:
         for option, value in options.items():
             if value not in (None, (), {}):
-                raise click.UsageError(f"--list changes nothing, but found --{option} too; give one of them")
+                name = "name" if option == "names" else option
+                raise click.UsageError(f"--list changes nothing, but found --{name} too; give one of them")
         return Splits(Dataset(folder))
     from ibdata.maintenance.split import split
 

@@ -71,7 +71,8 @@ def _episodes(a: Dataset, b: Dataset, names: list[str]) -> list[str]:
     if differing:
         mine, other_one = min(differing)
         difference = _first_difference(_rows(a, mine, names), _rows(b, other_one, names))
-        lines.append(f"episode {mine} and {other_one}: {difference}")
+        if difference is not None:
+            lines.append(f"episode {mine} and {other_one}: {difference}")
     return lines
 
 

@@ -39,8 +39,9 @@ def arrays_of(
         "step": block.step,
         "terminated": block.terminated,
         "truncated": block.truncated,
-        **{name: table[name].to_numpy()[block.rows] for name in columns},
     }
+    # Not those that are arrays already: where a view leaves rows out, an episode ends at an earlier one.
+    arrays |= {name: table[name].to_numpy()[block.rows] for name in columns if name not in arrays}
     if not drop or history == 1:
         return {name: np.require(array, requirements="W") for name, array in arrays.items()}
     whole = block.step >= history - 1

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import gzip
+import json
 import zipfile
 from pathlib import Path
 
 HEAD = 8  # bytes
 CSV = b'"episode","step"'
 PARQUET = ["episode", "step", "observation", "action", "reward"]
+
+
+def is_minari_export(folder: Path) -> bool:
+    """Whether a folder with the files of a Minari dataset is one that `export` has written."""
+    try:
+        return "content_root" in json.loads((folder / "data" / "metadata.json").read_bytes())["view"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def is_export(path: Path) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError, missing
-from ibdata.exporters._own import is_export
+from ibdata.exporters._own import is_export, is_minari_export
 from ibdata.system import files, signals
 from ibdata.system.part import locked_part, resolved
 
@@ -53,6 +53,8 @@ def _refuse(target: Path, overwrite: bool) -> None:
         )
     if os.path.exists(target / manifest.PATH):
         raise UsageError(f"{target}: is a dataset, which no export replaces; choose another --out")
+    if (target / "data").is_dir() and not is_minari_export(target):
+        raise UsageError(f"{target}: found no export of ibdata; move it away, or choose another --out")
     for file in (target, target / "arrays.parquet"):
         if file.is_file() and not is_export(file):
             raise UsageError(f"{file}: found no export of ibdata; move it away, or choose another --out")

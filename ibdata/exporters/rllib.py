@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ibdata.errors import UsageError
 from ibdata.exporters._view import Array, Block, View
 
 ROW_GROUP_ROWS = 100_000
@@ -39,7 +40,11 @@ def export(view: View, path: Path, target: Path) -> str:
         path, target = path / FILE, target / FILE
     metadata = {"view": json.dumps(view.plain())}
     tables = (_table(block).replace_schema_metadata(metadata) for block in view.blocks())
-    first = next(tables)
+    first = next(tables, None)
+    if first is None:
+        raise UsageError(
+            "view: found no transition whose next frame is in the dataset, expected episodes of several steps"
+        )
     with pq.ParquetWriter(path, first.schema, **OPTIONS) as writer:
         for table in chain([first], tables):
             writer.write_table(table, row_group_size=ROW_GROUP_ROWS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import signal
@@ -101,7 +102,8 @@ def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}
 
 
-_specs: dict[Path, DatasetSpec] = {}  # of this worker, which has compared its record with that of the run
+# Of this worker, by the part of a run and its experiments; its record was compared with that of the run.
+_specs: dict[tuple[Path, str], DatasetSpec] = {}
 
 
 def _work(task: WorkerTask, shard: Shard) -> None:
@@ -112,11 +114,12 @@ def _work(task: WorkerTask, shard: Shard) -> None:
             f"{root.parent}: not found on a host of Ray, expected a folder that all hosts share"
         )
     processes.purpose = "worker"
-    if root not in _specs:
+    run = root, json.dumps(task.spec, sort_keys=True)
+    if run not in _specs:
         spec = task.dataset_spec()
         agree(spec, root)
-        _specs[root] = spec
-    make_shard(_specs[root], shard, root, True, None, unseen)
+        _specs[run] = spec
+    make_shard(_specs[run], shard, root, True, None, unseen)
 
 
 @contextmanager

@@ -166,7 +166,7 @@ def _repaired(
         entries[path] = write(folder, path, data)
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
-        notice(f"{folder}: splits that were made later are lost; make them again")
+        notice(f"{folder}: splits that were made later, if there were any, are lost; make them again")
     return entries
 
 

@@ -11,10 +11,10 @@ import pyarrow as pa
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import BusyError, DatasetError, IbdataError, UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation.job import publish
 from ibdata.generation.target import Target
@@ -110,15 +110,17 @@ def _changed(source: Source) -> DatasetError:
     return DatasetError(f"{place}: found other content than it lists; see ibdata validate {place}")
 
 
-def relabel(dataset: Dataset, spec: DatasetSpec) -> Dataset:
+def relabel(dataset: Dataset, before: DatasetSpec, spec: DatasetSpec) -> Dataset:
     """Write the splits of a spec into the metadata of a dataset; nothing else changes.
 
-    Raises BusyError if the dataset is being written, or was replaced meanwhile.
+    Raises BusyError if the dataset is being written, or it or its splits are no longer those of before.
     """
     refuse_url(dataset)
     listed = dataset.stored.manifest
     refuse_other_plan(spec, listed)
     with locked_part(resolved(dataset.path), dataset.place):
         dataset.stored.refuse_replaced()
+        if spec_in(dataset.stored).later != before.later:
+            raise BusyError(f"{dataset.place}: got other splits meanwhile; split it again")
         write(dataset.path, manifest.SPLITS, metadata.splits_file(spec))
     return Dataset(dataset)

@@ -91,11 +91,11 @@ def split(
     new = _named(splits, prefix, names or {})
     _refuse_names(dataset, spec, new)
     _refuse_removal(dataset, spec, remove)
-    gone = {*remove, *(_prefixed(name, prefix) for name in _made_together(splits))}
+    gone = {*remove, *(_prefixed(name, prefix) for name in _made_together(splits, names or {}))}
     later = {name: split for name, split in spec.later.items() if name not in gone}
     labelled = DatasetSpec(spec.name, spec.experiments, {**later, **new})
     if materialize is None:
-        return relabel(dataset, labelled)
+        return relabel(dataset, spec, labelled)
     return write_dataset(labelled.all_declared(), sources_of(dataset, spec), materialize)
 
 
@@ -133,9 +133,13 @@ def _prefixed(name: str, prefix: str | None) -> str:
     return name if prefix is None else f"{prefix}-{name}"
 
 
-def _made_together(splits: Splits) -> set[str]:
-    """The names of all splits that may have been made together with splits of these names."""
-    return {name for group in split_schemes.TOGETHER if group & splits.keys() for name in group}
+def _made_together(splits: Splits, names: Mapping[str, str]) -> set[str]:
+    """The names of all splits that may have been made together with earlier splits of these names.
+
+    Splits that get other names replace none, so what was made with earlier ones stays.
+    """
+    replaced = splits.keys() - names.keys()
+    return {name for group in split_schemes.TOGETHER if group & replaced for name in group}
 
 
 def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: Splits) -> None:

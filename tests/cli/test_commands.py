@@ -49,6 +49,16 @@ def test_info_names_counts_splits_and_the_content_root(run, data):
     assert document["info"]["counts"]["rows"] == 600
 
 
+def test_several_splits_are_read_together(run, data):
+    splits = ibdata.open(data).splits
+    assert len(splits) > 1
+    options = [word for name in splits for word in ("--split", name)]
+    rows = json.loads(run("head", str(data), "-n", "9999", "--columns", "step", *options, "--json")[1])[
+        "rows"
+    ]
+    assert len(rows) == sum(split["rows"] for split in splits.values())
+
+
 def test_head_prints_the_columns_and_split_asked_for(run, data):
     args = ("head", str(data), "-n", "2", "--columns", "step,obs_setpoint", "--split", "target")
     rows = [{"step": 0, "obs_setpoint": 75.0}, {"step": 1, "obs_setpoint": 75.0}]

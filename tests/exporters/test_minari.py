@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -11,6 +12,7 @@ from exporters.reading import equal
 
 import ibdata
 from ibdata.dataset.reference_returns import scale
+from ibdata.errors import UsageError
 
 
 class Storage:
@@ -22,11 +24,13 @@ class Storage:
     def new(cls, path, observation_space, action_space, env_spec, data_format):
         path.mkdir()
         cls.made = cls()
+        cls.made.path = path
         cls.made.environment, cls.made.spaces = env_spec, (observation_space, action_space)
         return cls.made
 
     def update_metadata(self, metadata):
         self.metadata = metadata
+        (self.path / "metadata.json").write_text(json.dumps(metadata))
 
     def update_episodes(self, episodes):
         self.episodes = list(episodes)
@@ -57,6 +61,16 @@ def exported(tmp_path, monkeypatch):
         return Storage.made
 
     return export
+
+
+def test_a_minari_dataset_of_others_is_not_replaced(long, exported, tmp_path):
+    exported(long)
+    exported(long)
+    metadata = tmp_path / "root/ibdata/long-v0/data/metadata.json"
+    metadata.write_text('{"dataset_id": "ibdata/long-v0"}')
+    with pytest.raises(UsageError, match="long-v0: found no export of ibdata; move it away"):
+        exported(long)
+    assert metadata.read_text() == '{"dataset_id": "ibdata/long-v0"}'
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from ibdata.dataset import manifest
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.split_schemes import by_episode
+from ibdata.maintenance.rewrite import relabel
 
 SETPOINTS = set(MANY["setpoints"])
 BOTH = {"random", "safe"}
@@ -227,3 +228,23 @@ def test_several_schemes_live_together_under_names_of_their_own(made_at, made, t
     assert list(copy.splits) == ["low", "near-source", "near-target", "near-target-rest", "x-train"]
     for folder in (made.path, merged.path, copy.path):
         assert ibdata.validate(folder) == []
+
+
+def test_other_names_keep_what_was_made_before(made):
+    """A named source and target replace no earlier ones, so the rest of these stays."""
+    ibdata.split(made.path, by="setpoint", source=50, target=90, shots=2)
+    names = {"source": "s2", "target": "t2", "target-rest": "t2-rest"}
+    again = ibdata.split(made.path, by="setpoint", source=90, target=50, shots=2, names=names)
+    assert {"source", "target", "target-rest", "s2", "t2", "t2-rest"} <= again.splits.keys()
+
+
+def test_splits_that_were_made_meanwhile_are_not_lost(made, monkeypatch):
+    def meanwhile(*args):
+        monkeypatch.undo()
+        ibdata.split(made.path, by="policy")
+        return relabel(*args)
+
+    monkeypatch.setattr("ibdata.maintenance.split.relabel", meanwhile)
+    with pytest.raises(BusyError, match="got other splits meanwhile; split it again"):
+        ibdata.split(made.path, by="episode", fractions=[0.6, 0.4])
+    assert "random" in ibdata.open(made.path).splits
