@@ -39,7 +39,7 @@ class Checked:
 
 @click.command("validate")
 @place_argument
-@click.option("--quick", is_flag=True, help="Check only the hashes of the files.")
+@click.option("--quick", is_flag=True, help="Check only the hashes of the files, and the splits.")
 @progress_option
 @prints_result
 def validate_command(folder: Path | str, quick: bool, progress: bool | None) -> Checked:

@@ -79,7 +79,10 @@ class Stored:
             raise damaged(self.storage, path, str(error)) from None
 
     def error(self, path: str, problem: str) -> DatasetError:
-        """The error that names a problem of a file and its remedy. Raises BusyError as `refuse_replaced`."""
+        """The error that names a problem of a file and its remedy.
+
+        Raises BusyError instead if the dataset has been replaced.
+        """
         self.refuse_replaced()
         remedy = f"; run ibdata repair {self.name}" if self.storage.url is None else ""
         return damaged(self.storage, path, f"{problem}{remedy}")

@@ -23,8 +23,9 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.shipped import is_suite, shipped_name
 from ibdata.generation import upload
-from ibdata.generation.job import Job, recover, remove_published
+from ibdata.generation.job import Job
 from ibdata.generation.process import process_for
+from ibdata.generation.publish import recover, remove_published
 from ibdata.generation.record import Record, observe
 from ibdata.generation.target import Action, Mode, Target, damage, decide, refuse_name
 from ibdata.generation.workers import Engine, select_engine

@@ -1,30 +1,23 @@
-"""Making a dataset at its place: in the hidden part beside it, from which it is published by one rename.
-
-Where a dataset is replaced, the two folders change places in one system call, and the old one is removed with
-the part. Every reader finds the old dataset or the new one.
-"""
+"""Making a dataset in the hidden part beside its place, from which it is published."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
-from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError, Interrupted, notice
+from ibdata.errors import Interrupted, notice
 from ibdata.experiment import load
 from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.generation.process import Process, process_for
+from ibdata.generation.publish import publish, recover
 from ibdata.generation.record import EXPERIMENT, Record, difference, observe
 from ibdata.generation.target import Action, At, Begun, Found, Mode, Target, decide, look
 from ibdata.generation.workers import Engine
-from ibdata.system.files import keep_access, sync_folder
 from ibdata.system.part import Part, locked_part
 from ibdata.system.progress import Progress
-from ibdata.system.signals import held, ignore
-from ibdata.writing.edited import keep_all
 from ibdata.writing.finish import finish
 from ibdata.writing.shard import DATASET, WrittenShard, all_written, has_size, is_whole, read_receipt
 
@@ -107,7 +100,7 @@ class Job:
 
     def join(self) -> Action:
         """Begin the run as the first host, or join the one that another has begun; then share the part."""
-        if self.part.lock.alone() and self.begin() is Action.OPEN:
+        if self.part.lock.take_alone() and self.begin() is Action.OPEN:
             return Action.OPEN
         self.part.share()
         run = difference(self.part.folder, self.spec.experiments[0], self.record)
@@ -149,56 +142,3 @@ class Job:
     def _folder(self) -> Path:
         """The folder in the part in which the dataset is made."""
         return self.part.folder / DATASET
-
-
-def publish(part: Part) -> None:
-    """Give the finished dataset in a part its name, in place of what is there, and remove the part.
-
-    The note of the run first gets the checksum of the new manifest. So whoever holds the part next can tell
-    whether this was done, and `recover` does it where it was not.
-    """
-    folder = part.folder / DATASET
-    if part.target.is_dir():
-        _keep(part.target, folder)
-    for inner in (folder / "data", folder / "meta", folder):
-        sync_folder(inner)
-    record = Record.read(part.folder)
-    if record is not None:  # a merge or a copy has no note
-        record.model_copy(update={"manifest": _checksum(folder)}).write(part.folder)
-    ignore()  # a run that has published is finished, and not stopped
-    part.place(folder)
-    part.clear()
-
-
-def recover(part: Part) -> None:
-    """Finish what a killed run was publishing from a part, and remove what it has published."""
-    record = Record.read(part.folder)
-    if record is None or record.manifest is None:
-        return
-    if _checksum(part.target) == record.manifest:
-        part.clear()
-    elif not part.target.exists() and _checksum(part.folder / DATASET) == record.manifest:
-        with held():
-            part.place(part.folder / DATASET)
-        part.clear()
-
-
-def remove_published(target: Target) -> None:
-    """Remove the part of a dataset that is there, if its run was killed after it had published it."""
-    if target.part.folder.exists():
-        with suppress(IbdataError), locked_part(target.path) as part:
-            recover(part)
-
-
-def _checksum(folder: Path) -> str | None:
-    try:
-        return manifest.read(folder).checksum
-    except DatasetError:
-        return None
-
-
-def _keep(old: Path, new: Path) -> None:
-    """Keep the mode and the group of a folder that is replaced, and what somebody has edited in it."""
-    for path in [new, *new.rglob("*")]:
-        keep_access(old / path.relative_to(new) if path.is_dir() else old / manifest.PATH, path)
-    keep_all(old, new)

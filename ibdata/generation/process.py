@@ -49,9 +49,10 @@ class Process(Protocol):
 
 @contextmanager
 def process_for(spec: DatasetSpec) -> Iterator[Process]:
-    """A process that has imported no custom code before, for the custom policies of a dataset.
+    """A process for the policies of a dataset, which has imported no custom code before.
 
-    It is this process if it is a command's, if there is nothing to import, or if a policy is a live object.
+    It is this process itself if there is no custom code, if a policy is a live object, or if it is that of a
+    command; otherwise a new one.
     """
     places = places_of(spec)
     for custom in customs(spec):

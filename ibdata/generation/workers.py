@@ -64,7 +64,7 @@ def refuse_workers(workers: int | None) -> None:
 
 
 class Division(NamedTuple):
-    """The number of processes that make shards, and how many shards each makes at a time."""
+    """How many processes make shards; and in a single process, how many shards are made at once."""
 
     processes: int
     threads: int

@@ -16,7 +16,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
-from ibdata.generation.job import publish
+from ibdata.generation.publish import publish
 from ibdata.generation.target import Target
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved

@@ -64,7 +64,8 @@ class HashingFile(io.RawIOBase):
 def new_file(path: Path) -> Iterator[HashingFile]:
     """Write a file, which is on the disk at the end of the block, and gone if the block raises.
 
-    Its name is not: `sync_folder` waits for that. The folder is made if it is missing.
+    The entry in its folder may not be on the disk yet: `sync_folder` waits for that. The folder is made if it
+    is missing.
     """
     path.parent.mkdir(exist_ok=True)
     try:

@@ -29,8 +29,8 @@ class Lock:
         """Let others share the lock. Return whether this process still holds it."""
         return _flock(self._path, self._descriptor, fcntl.LOCK_SH)
 
-    def alone(self) -> bool:
-        """Whether no other process shares the lock, which then only this one holds."""
+    def take_alone(self) -> bool:
+        """Try to hold the lock alone. If others share it, return False; then `share` before relying on it."""
         return _flock(self._path, self._descriptor, fcntl.LOCK_EX)
 
 

@@ -80,7 +80,7 @@ class Part:
 
     @property
     def is_own(self) -> bool:
-        """Whether its place is free, or ibdata made what is there, which has the lock as long as anything."""
+        """Whether its place is free or empty, or has ibdata's lock, which is removed after all else."""
         try:
             names = os.listdir(self.folder)
         except FileNotFoundError:
@@ -98,7 +98,7 @@ class Part:
             time.sleep(0.02)
 
     def place(self, dataset: Path) -> None:
-        """Give what was made in the part its name. What has the name is in the part afterwards.
+        """Give what was made in the part its name. Whatever had the name is in the part afterwards.
 
         A file or folder that is replaced changes places with the new one in one system call, if there is one.
         """
@@ -157,7 +157,7 @@ def locked_part(
         try:
             yield part
         finally:
-            if not part.receipts and part.lock.alone():
+            if not part.receipts and part.lock.take_alone():
                 part.remove()
 
 

@@ -40,7 +40,8 @@ class Piece(NamedTuple):
     experiment: Experiment
     episodes: Shard  # of which first … stop are those of the piece
     floats: Columns
-    others: Sequence[pa.RecordBatch] = ()  # of stored rows: other columns; all of them where a value is null
+    # Of stored rows, the columns that are no floats; where a value is null, all columns.
+    others: Sequence[pa.RecordBatch] = ()
 
     def arrow_table(self) -> pa.Table:
         """All columns in their order, of which only the float columns are in memory before."""
