@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,7 +61,7 @@ class Readable(ABC):
         """The hex SHA-256 of the dataset's content, which does not depend on files or encodings."""
         return self.stored.manifest.content_root
 
-    @property
+    @cached_property
     def info(self) -> dict[str, Any]:
         """meta/dataset.json: columns with roles, units and bounds; counts of the whole dataset."""
         return self.stored.info.plain()
@@ -68,10 +69,9 @@ class Readable(ABC):
     @property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
-        everything = self.select()
-        table = with_later(self.stored.episodes, self.stored.splits)
+        mask, table = self.select().mask, with_later(self.stored.episodes, self.stored.splits)
         frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
-        return frame if everything.mask is None else frame[everything.mask]
+        return frame if mask is None else frame[mask]
 
     @public
     def returns(self) -> Returns:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ibdata.arguments import public
@@ -72,7 +73,7 @@ class Dataset(Readable):
         """The folder. Raises UsageError for a dataset at a URL."""
         return self.storage.path
 
-    @property
+    @cached_property
     def manifest(self) -> dict[str, Any]:
         """meta/manifest.json: experiments, shards, files with their SHA-256, content root, versions."""
         return self.stored.manifest.plain()

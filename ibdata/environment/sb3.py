@@ -54,9 +54,12 @@ class IndustrialBenchmarkVecEnv(VecEnv):
 
     def reset(self) -> Float32s:
         """Begin an episode in every lane, with the seeds of `seed` and the options of `set_options`."""
-        for lane, options in enumerate(self._options):
-            mask = np.arange(self.num_envs) == lane
-            observations, _ = self._env.reset(seed=self._seeds, options={**options, "reset_mask": mask})
+        plain = np.array([not options for options in self._options])
+        masks = [plain, *(np.arange(self.num_envs) == lane for lane in np.flatnonzero(~plain))]
+        for mask in masks:
+            if mask.any():
+                options = {**self._options[int(mask.argmax())], "reset_mask": mask}
+                observations, _ = self._env.reset(seed=self._seeds, options=options)
         self._reset_seeds()
         self._reset_options()
         return observations

@@ -213,4 +213,4 @@ def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Pol
 
 
 def _customs_in(policy: Policy) -> Iterator[Custom]:
-    return (part for part in policy.everywhere() if isinstance(part, Custom))
+    return (part for part in user_objects_in(policy) if isinstance(part, Custom))

@@ -133,7 +133,7 @@ def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> di
     return dict(
         name=planned.name,
         out=str(place),
-        episodes=len(planned.cells) * planned.episodes,
+        episodes=planned.episode_count,
         rows=planned.rows,
         shards=len(shards),
         bytes=round(bytes_per_row * planned.rows),

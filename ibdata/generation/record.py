@@ -137,8 +137,8 @@ def agree(spec: DatasetSpec, root: Path) -> None:
 def warm_up(experiment: Experiment) -> None:
     """Compile the simulator before workers start: two steps of each policy, and their statistics."""
     small = experiment.part(steps=2, episodes=1)
-    per_policy = len(small.cells) // len(small.policies)
-    for first in range(0, len(small.cells), per_policy):
+    per_policy = small.episodes_per_policy
+    for first in range(0, small.episode_count, per_policy):
         moments(rollout(small, first, first + 1).table)
     check()
 
@@ -146,7 +146,7 @@ def warm_up(experiment: Experiment) -> None:
 def _play_user_objects(experiment: Experiment) -> None:
     """Let users' objects act in the first steps, since they count how many of their numbers are clipped."""
     small = experiment.part(steps=min(experiment.steps, STEPS), episodes=1)
-    per_policy = len(small.cells) // len(small.policies)
+    per_policy = small.episodes_per_policy
     for number, policy in enumerate(small.policies):
         if any(user_objects_in(policy)):
             rollout(small, number * per_policy, number * per_policy + min(per_policy, SETPOINTS))

@@ -22,7 +22,7 @@ from ibdata.system.progress import Progress
 from ibdata.system.signals import check
 from ibdata.system.storage import existing, local
 from ibdata.validation.checks import check_shard, splits_problems
-from ibdata.validation.validate import unlisted_files, validate
+from ibdata.validation.validate import Hashing, unlisted_files, validate
 from ibdata.writing import metadata
 from ibdata.writing.finish import NEED_CONTENT, metadata_files, refuse_other_plan, rewritten_manifest
 from ibdata.writing.shard import DATASET, UNREAD, WrittenShard, all_written, content_of
@@ -56,9 +56,10 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     stored = _stored(place)
     for problem in unlisted_files(stored):
         raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
-    spec = _spec(stored)
-    refuse_other_plan(spec, stored.manifest)
     broken = _broken(stored)
+    _refuse_lost_weights(stored, broken)
+    spec = declared_spec(stored)
+    refuse_other_plan(spec, stored.manifest)
     if not broken:
         return []
     with locked_part(resolved(place), place) as part:
@@ -95,26 +96,24 @@ def _stored(place: Path) -> Stored:
 
 def _broken(stored: Stored) -> list[str]:
     """The paths of the files that are missing, or not as the manifest lists them."""
-    entries = stored.manifest.entries()
-    broken = [path for path, entry in entries.items() if _entry(stored, path) != entry]
+    broken: list[str] = []
+    with Hashing(stored) as files:
+        for path in stored.manifest.entries():
+            check()
+            if not files.is_whole(path):
+                broken.append(path)
     if any(splits_problems(stored)):
         broken.append(manifest.SPLITS)
     return broken
 
 
-def _entry(stored: Stored, path: str) -> FileEntry | None:
-    check()
-    return stored.storage.entry(path)
-
-
-def _spec(stored: Stored) -> DatasetSpec:
-    for path, entry in stored.manifest.entries().items():
-        if manifest.WEIGHTS.fullmatch(path) and _entry(stored, path) != entry:
+def _refuse_lost_weights(stored: Stored, broken: list[str]) -> None:
+    for path in broken:
+        if manifest.WEIGHTS.fullmatch(path):
             raise DatasetError(
                 f"{stored.storage.path / path}: missing or damaged, and weights cannot be made again; copy "
-                f"the file with the SHA-256 {entry.sha256} there, then repair"
+                f"the file with the SHA-256 {stored.manifest.entries()[path].sha256} there, then repair"
             )
-    return declared_spec(stored)
 
 
 class Remaking(NamedTuple):
@@ -175,10 +174,10 @@ def _checked_shards(stored: Stored, spec: DatasetSpec, broken: list[str]) -> lis
 
     Their rows are read only where that is needed.
     """
-    are_read = not set(broken).isdisjoint(NEED_CONTENT)
+    are_read, entries = not set(broken).isdisjoint(NEED_CONTENT), stored.manifest.entries()
     shards: list[WrittenShard | None] = []
     for shard, shard_entry in zip(spec.shards, stored.manifest.shards, strict=True):
-        entry = stored.manifest.entries()[shard_entry.path]
+        entry = entries[shard_entry.path]
         if not (are_read or shard_entry.path in broken):
             shards.append(WrittenShard(shard, entry, UNREAD))
             continue
@@ -186,7 +185,7 @@ def _checked_shards(stored: Stored, spec: DatasetSpec, broken: list[str]) -> lis
         if content is None or content_of(content.digests) != shard_entry.content:
             shards.append(None)
         else:
-            shards.append(WrittenShard(shard, _entry(stored, shard_entry.path) or entry, content))
+            shards.append(WrittenShard(shard, stored.storage.entry(shard_entry.path) or entry, content))
         check()
     return shards
 

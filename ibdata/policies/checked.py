@@ -148,8 +148,8 @@ class CheckedPolicy(NamedTuple):
         Raises:
             PolicyError: the policy returned no valid action; the message names policy, episode and step.
         """
-        try:
-            distribution, memory = self.distribution(observed)
+
+        def play(distribution: Distribution) -> int:
             proposed = numbers(distribution.sample(observed.uniforms), out.shape, "actions")
             clipped = int(clip_and_round(proposed, out))
             if clipped < 0:
@@ -160,11 +160,9 @@ class CheckedPolicy(NamedTuple):
                 log_density[:] = 0.0  # of an action that it is certain of
             elif log_density is not None:
                 log_density[:] = distribution.log_density(out)
-        except (IbdataError, KeyboardInterrupt):
-            raise
-        except BaseException as error:
-            raise self._located(error, observed) from error
-        return clipped, memory
+            return clipped
+
+        return self.ask(observed, play)
 
     def ask(self, observed: Observed, question: Callable[[Distribution], T]) -> tuple[T, Floats]:
         """The answer to a question about the policy's distribution, and the memory. Raises PolicyError."""

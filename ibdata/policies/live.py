@@ -12,7 +12,6 @@ from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError
 from ibdata.policies.adapter import can_act, needs_of
-from ibdata.policies.base import Policy
 from ibdata.policies.user_object import UserObject
 
 LIVE = "live:"  # begins the name of an object in a record of code
@@ -78,11 +77,6 @@ class Live(UserObject):
         if self._held is None:
             raise PolicyError(f"{self.code_target}: found no such object in this Python session")
         return self._held.target
-
-
-def is_live(policy: Policy) -> bool:
-    """Whether any part of a policy is an object of a Python session."""
-    return any(isinstance(part, Live) for part in policy.everywhere())
 
 
 def without_runs(form: Any) -> Any:

@@ -106,7 +106,7 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
 THREADS = os.cpu_count() or 1
 
 
-def check_files(stored: Stored, advance: Advance = unseen) -> Iterator[Problem]:
+def check_files(stored: Stored, advance: Advance) -> Iterator[Problem]:
     """The listed files that are missing or changed, and files in `data` that are not listed."""
     with Hashing(stored) as files:
         yield from files.problems(advance)

@@ -184,5 +184,4 @@ def index_columns(experiment: Experiment, shard: Shard) -> dict[str, npt.NDArray
 
 def policy_numbers(experiment: Experiment, shard: Shard) -> npt.NDArray[np.int32]:
     """The number of each episode's policy."""
-    per_policy = experiment.episodes * (len(experiment.cells) // len(experiment.policies))
-    return (np.arange(shard.first, shard.stop) // per_policy).astype(np.int32)
+    return (np.arange(shard.first, shard.stop) // experiment.episodes_per_policy).astype(np.int32)

@@ -166,7 +166,7 @@ def episode_addresses(
     """Cell, index in the cell and digest of each episode of a shard."""
     experiment = spec.of_shard(shard)
     for i, digest in enumerate(digests, shard.first):
-        yield experiment.cells[i // experiment.episodes].digest, i % experiment.episodes, digest
+        yield experiment.cell_of(i).digest, i % experiment.episodes, digest
 
 
 def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
@@ -178,7 +178,7 @@ def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
 def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, str]]:
     """The rules that a manifest breaks, each with what was found and expected."""
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
-    files = {file.path for file in listed.files} - {manifest.REPORT}
+    files = {file.path for file in listed.files}
     targets = list(dict.fromkeys(code.target for code in listed.code))
     for rule, found, expected in (
         (
