@@ -20,6 +20,7 @@ from ibdata.system.storage import Storage, damaged, local, reason, storage
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
 SPLITS = "meta/splits.json"
+CROISSANT = "meta/croissant.json"  # datasets of earlier versions have none
 CARD = "README.md"
 REPORT = "report.html"  # only after `ibdata card`
 FORMAT: Final = "ibdata-manifest"

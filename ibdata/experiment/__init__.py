@@ -68,7 +68,7 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
         return _overridden(plain(config), overrides, seed)
     path = find(config)
     if is_suite(path):
-        example = sorted(path.glob("*.yaml"))[0]
+        example = sorted(path.glob("[!.]*.yaml"))[0]
         raise UsageError(
             f"{path}: found a folder of experiments, expected a file such as {example}; "
             "generate takes a folder"
@@ -123,7 +123,7 @@ def load_all(config: Config, overrides: Overrides = (), seed: int | None = None)
         return [load(config, overrides, seed)]
     experiments: list[Experiment] = []
     problems: list[str] = []
-    for file in sorted(path.glob("*.yaml")):
+    for file in sorted(path.glob("[!.]*.yaml")):
         try:
             experiments.append(load(file, overrides, seed))
         except UsageError as error:

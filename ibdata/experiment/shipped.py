@@ -23,7 +23,7 @@ def suites() -> dict[str, Path]:
 
 def is_suite(path: Path) -> bool:
     """Whether a path is a folder that holds configs."""
-    return os.path.isdir(path) and any(path.glob("*.yaml"))
+    return os.path.isdir(path) and any(path.glob("[!.]*.yaml"))
 
 
 def find(config: str | os.PathLike[str]) -> Path:

@@ -64,7 +64,7 @@ def _refuse_others(place: Path, export: Path) -> None:
     """Raise UsageError if the folder to replace holds anything that the export does not have."""
     for path in place.rglob("*"):
         name = path.relative_to(place)
-        if not (export / name).exists():
+        if not ((export / name).exists() or (path.is_file() and files.is_litter(name.name))):
             raise UsageError(f"{place}: found {name}, which is not of such an export; choose another --out")
 
 

@@ -136,7 +136,7 @@ def places_of(
     root = Path("data", path.resolve().name) if out is None else Path(out)
     if os.path.lexists(local(root)) and not local(root).is_dir():
         raise UsageError(f"{root}: is a file, not a folder; choose another --out")
-    return [root / file.stem for file in sorted(path.glob("*.yaml"))]
+    return [root / file.stem for file in sorted(path.glob("[!.]*.yaml"))]
 
 
 def _generate_one(

@@ -17,7 +17,7 @@ from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.record import Record, difference
 from ibdata.policies.live import without_runs
-from ibdata.system.files import part_of
+from ibdata.system.files import part_of, paths_in
 from ibdata.system.part import Part, refusals, resolved
 from ibdata.writing.edited import EDITABLE, is_users
 
@@ -46,7 +46,7 @@ class Target:
     def is_free(self) -> bool:
         """Whether there is nothing but perhaps an empty folder."""
         with refusals(self.name):
-            return not self.path.is_dir() or not any(self.path.iterdir())
+            return not self.path.is_dir() or not paths_in(self.path)
 
     def refuse(self) -> None:
         """Raise UsageError if no dataset can appear here by a rename."""
@@ -259,8 +259,8 @@ def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
     """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
     known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *EDITABLE}
     known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
-    for path in sorted(folder.iterdir()):
+    for path in paths_in(folder):
         if path.name in ("data", "meta") and path.is_dir():
-            yield from (inner for inner in sorted(path.iterdir()) if f"{path.name}/{inner.name}" not in known)
+            yield from (inner for inner in paths_in(path) if f"{path.name}/{inner.name}" not in known)
         elif path.name not in known and not is_users(path.name):
             yield path

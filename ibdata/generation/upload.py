@@ -15,6 +15,7 @@ from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hi
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.generation.target import At, Found, Mode, damage, is_of, refuse_name
 from ibdata.system.cache_folders import cache_folders
+from ibdata.system.files import is_litter
 from ibdata.system.signals import check, stoppable
 from ibdata.system.storage import Remote, Storage, reason
 
@@ -69,7 +70,7 @@ def refuse_overwrite(url: str, mode: Mode) -> None:
 
 
 def _files(work: Path) -> set[str]:
-    return {str(path.relative_to(work)) for path in work.rglob("*")}
+    return {str(path.relative_to(work)) for path in work.rglob("*") if not is_litter(path.name)}
 
 
 def drop_damaged(work: Path) -> None:

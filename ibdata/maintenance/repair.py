@@ -24,6 +24,7 @@ from ibdata.system.storage import existing, local
 from ibdata.validation.checks import check_shard, splits_problems
 from ibdata.validation.validate import Hashing, unlisted_files, validate
 from ibdata.writing import metadata
+from ibdata.writing.croissant import croissant
 from ibdata.writing.finish import NEED_CONTENT, metadata_files, refuse_other_plan, rewritten_manifest
 from ibdata.writing.shard import DATASET, UNREAD, WrittenShard, all_written, content_of
 
@@ -72,10 +73,11 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
                 keep_access(part.target / manifest.PATH, part.target / path)
         finally:
             remove(remaking.root)
-        if entries != stored.manifest.entries():
+        old = stored.manifest.entries()
+        if entries != old:
             write(part.target, manifest.PATH, rewritten_manifest(stored.manifest, entries))
         _refuse_broken(place)
-    return broken
+    return broken + [path for path in entries if path not in broken and entries[path] != old[path]]
 
 
 def _refuse_broken(place: Path) -> None:
@@ -163,6 +165,10 @@ def _repaired(
     entries |= {shard.entry.path: shard.entry for shard in whole}
     for path, data in metadata_files(broken, spec, whole):
         entries[path] = write(folder, path, data)
+    is_changed = manifest.CROISSANT in broken or entries != stored.manifest.entries()
+    if is_changed and manifest.CROISSANT in entries:
+        description = croissant(spec, whole, entries.values(), stored.manifest.content_root)
+        entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, metadata.as_json(description))
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         notice(f"{folder}: splits that were made later, if there were any, are lost; make them again")

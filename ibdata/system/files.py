@@ -148,6 +148,17 @@ def plain_bytes(path: Path, most: int) -> bytes:
         return file.read()
 
 
+def is_litter(name: str) -> bool:
+    """Whether macOS leaves files of this name: .DS_Store, and ._NAME with the attributes of NAME."""
+    return name == ".DS_Store" or name.startswith("._")
+
+
+def paths_in(folder: Path) -> list[Path]:
+    """The files and folders in a folder, in order, but for the files that macOS leaves."""
+    paths = (folder / name for name in sorted(os.listdir(folder)))
+    return [path for path in paths if not is_litter(path.name) or path.is_dir()]
+
+
 def remove(path: Path) -> None:
     """Remove a file or a whole folder, as far as it is there."""
     if path.is_dir() and not path.is_symlink():

@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ibdata.errors import BusyError, IbdataError, UsageError, is_thread_limit
-from ibdata.system.files import part_of, remove, sync_folder
+from ibdata.system.files import part_of, paths_in, remove, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
@@ -63,9 +63,8 @@ class Part:
     @property
     def receipts(self) -> list[Path]:
         """The receipts of what is finished in it, in order."""
-        folder = self.folder / RECEIPTS
         try:
-            return sorted(folder / name for name in os.listdir(folder))
+            return paths_in(self.folder / RECEIPTS)
         except (FileNotFoundError, NotADirectoryError):
             return []
 
@@ -82,7 +81,7 @@ class Part:
     def is_own(self) -> bool:
         """Whether its place is free or empty, or has ibdata's lock, which is removed after all else."""
         try:
-            names = os.listdir(self.folder)
+            names = [path.name for path in paths_in(self.folder)]
         except FileNotFoundError:
             names = []
         except NotADirectoryError:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ibdata.errors import DatasetError, IbdataError, UsageError, hidden, missing, printable
-from ibdata.system.files import FileEntry
+from ibdata.system.files import FileEntry, is_litter, paths_in
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -91,8 +91,7 @@ class Storage:
     def names(self, folder: str) -> list[str]:
         """The names of what is in a folder, in order. The name of a folder ends in a slash."""
         try:
-            with os.scandir(self._path / folder) as entries:
-                return sorted(entry.name + "/" * os.path.isdir(entry) for entry in entries)
+            return [path.name + "/" * os.path.isdir(path) for path in paths_in(self._path / folder)]
         except (FileNotFoundError, NotADirectoryError):
             return []
 
@@ -168,7 +167,8 @@ class Remote(Storage):
                 )
         except OSError as error:
             raise damaged(self, folder, f"cannot be listed: {reason(error)}") from None
-        return sorted(info.base_name + "/" * (not info.is_file) for info in entries)
+        kept = (info for info in entries if not (info.is_file and is_litter(info.base_name)))
+        return sorted(info.base_name + "/" * (not info.is_file) for info in kept)
 
     def sizes(self) -> dict[str, int]:
         """The bytes of every file at the URL, by its path."""
@@ -179,7 +179,8 @@ class Remote(Storage):
                 FileSelector(self._base, allow_not_found=True, recursive=True)
             )
         base = self._base.strip("/")
-        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in entries if info.is_file}
+        files = (info for info in entries if info.is_file and not is_litter(info.base_name))
+        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in files}
 
     def put(self, source: Path, path: str) -> None:
         """Upload a file. If that fails, part of it may be there."""

@@ -29,6 +29,7 @@ from ibdata.system.storage import storage
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.writing import metadata
 from ibdata.writing.columns import Piece, stored_pieces
+from ibdata.writing.croissant import croissant
 from ibdata.writing.finish import experiment_files, first_difference
 from ibdata.writing.shard import ShardSummarizer, ShardSummary, WrittenShard
 
@@ -179,6 +180,8 @@ def metadata_problems(
         },
         EPISODES: partial(_episodes, stored, spec, written),
     }
+    if manifest.CROISSANT in stored.manifest.entries():
+        checks[manifest.CROISSANT] = partial(_croissant, stored, spec)
     if len(written) == len(spec.shards):
         checks[STATISTICS] = partial(_statistics, stored, metadata.statistics(spec, written))
     for path, check in checks.items():
@@ -209,6 +212,19 @@ def _info(stored: Stored, spec: DatasetSpec) -> Iterator[Problem]:
     for rule in expected:
         if message := first_difference(stored_facts[rule], expected[rule]):
             yield Problem(INFO, None, rule, message)
+
+
+def _croissant(stored: Stored, spec: DatasetSpec) -> Iterator[Problem]:
+    """Compare the files and their hashes. What else the description says may be said in other words."""
+    try:
+        stored_files = dict(manifest.loads(stored.read(manifest.CROISSANT)))["distribution"]
+    except (ValueError, TypeError, KeyError):
+        stored_files = None
+    listed = stored.manifest
+    shards, entries = metadata.unread_shards(spec, listed), listed.entries().values()
+    expected = croissant(spec, shards, entries, listed.content_root)["distribution"]
+    if message := first_difference(stored_files, expected, "distribution"):
+        yield Problem(manifest.CROISSANT, None, "files", message)
 
 
 def _facts(info: JsonObject) -> dict[str, Any]:

@@ -25,6 +25,7 @@ SOURCES = {
     "paper": "the equations as the paper prints them",
 }
 ABOUT = "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata."
+KEYWORDS = ["reinforcement-learning", "offline-rl", "industrial-benchmark"]
 CITE = """\
 Please cite the benchmark's paper for the benchmark, and ibdata with its version and the content root of the
 dataset."""
@@ -119,12 +120,13 @@ def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
         "---",
         f"pretty_name: Industrial Benchmark, {spec.name}",
         *front_matter(spec.licences),
-        "tags: [reinforcement-learning, offline-rl, industrial-benchmark]",
+        "task_categories: [reinforcement-learning]",
+        f"tags: [{', '.join(KEYWORDS)}]",
         f"size_categories: [{size}]",
         "configs:",
         "  - config_name: default",
         "    default: true",
-        "    data_files: data/*.parquet",
+        "    data_files: data/part-*.parquet",
     ]
     for name in spec.declared:  # Hugging Face knows splits that are whole files
         lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
@@ -152,7 +154,7 @@ def _text(spec: DatasetSpec, root: str) -> str:
         'data = pd.read_parquet("data")',
         "```",
         "",
-        *_again(spec),
+        *how_to_make_again(spec),
         "",
     ]
     per_split = splits(spec)
@@ -216,7 +218,8 @@ def _dynamics(experiment: Experiment) -> str:
     return "`custom`: a published variant with fields replaced, see meta/"
 
 
-def _again(spec: DatasetSpec) -> list[str]:
+def how_to_make_again(spec: DatasetSpec) -> list[str]:
+    """The lines that say how to make a dataset again, if that can be done."""
     live = [live_object.code_target for live_object in live_objects(spec)]
     if live:
         names = ", ".join(f"`{target}`" for target in dict.fromkeys(live))

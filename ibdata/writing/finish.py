@@ -29,6 +29,7 @@ from ibdata.system.files import FileEntry, write_new
 from ibdata.version import __version__
 from ibdata.writing import metadata
 from ibdata.writing.card import card
+from ibdata.writing.croissant import croissant
 from ibdata.writing.shard import WrittenShard, content_of
 
 NEED_CONTENT = (EPISODES, STATISTICS)
@@ -58,6 +59,8 @@ def finish(
     entries = [w.entry for w in written]
     for path, data in metadata_files(metadata_paths(spec), spec, written, episodes):
         entries.append(write_new(folder, path, data))
+    description = croissant(spec, written, entries, root)
+    entries.append(write_new(folder, manifest.CROISSANT, metadata.as_json(description)))
     write_new(folder, manifest.SPLITS, metadata.splits_file(spec))
     write_new(folder, manifest.CARD, card(spec, written, root, episodes))
     listed = manifest.sealed(
@@ -101,7 +104,7 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
 def metadata_paths(spec: DatasetSpec) -> list[str]:
     """The paths of the files in `meta` that the manifest lists."""
     weights = (f"meta/{name}" for name in spec.weights)
-    return [*NEED_CONTENT, INFO, *experiment_files(spec), *weights]
+    return [*NEED_CONTENT, INFO, *experiment_files(spec), *weights, manifest.CROISSANT]
 
 
 def metadata_files(
@@ -178,7 +181,7 @@ def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
 def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, str]]:
     """The rules that a manifest breaks, each with what was found and expected."""
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
-    files = {file.path for file in listed.files}
+    files = {*(file.path for file in listed.files), manifest.CROISSANT}
     targets = list(dict.fromkeys(code.target for code in listed.code))
     for rule, found, expected in (
         (

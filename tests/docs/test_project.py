@@ -9,6 +9,7 @@ from helpers import ROOT
 from ruamel.yaml import YAML
 
 import ibdata
+from ibdata.version import DATE
 
 PROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 BRIDGES = sorted((ROOT / "scripts/bridges.d").iterdir())
@@ -26,7 +27,7 @@ def test_the_citation_names_this_version_and_the_authors():
 def test_the_changelog_begins_with_this_version():
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     newest = re.split(r"^## ", text, flags=re.MULTILINE)[1]
-    assert newest.startswith(ibdata.__version__)
+    assert newest.partition("\n")[0] in [f"{ibdata.__version__}, {day}" for day in ("unreleased", DATE)]
     assert "\n### Data\n" in newest
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,14 @@ def part_of(place):
     return Path(place).with_name(f".{Path(place).name}.part")
 
 
+def litter(folder):
+    """Leave in a folder and below it what macOS does: .DS_Store, and ._NAME beside every file and folder."""
+    for path in [folder, *Path(folder).rglob("*")]:
+        path.with_name(f"._{path.name}").write_bytes(b"\0\5\x16\7 Mac OS X")
+        if path.is_dir():
+            (path / ".DS_Store").write_bytes(b"\0\0\0\1Bud1")
+
+
 def receipts(place):
     """The names of the receipts of an unfinished run."""
     return sorted(path.name for path in (part_of(place) / "receipts").glob("*"))
@@ -36,11 +45,23 @@ def is_right(made, plain, files):
 
 
 def seal(folder: Path, change: Callable[[Json], object] = lambda manifest: None) -> None:
-    """Give the manifest the hashes of all files as they are, then change it, then give it its checksum."""
+    """Give Croissant and the manifest the true hashes of all files, change it, then give it its checksum."""
     sealed = json.loads((folder / manifest.PATH).read_bytes())
+    with suppress(ValueError, TypeError):  # a test has made something else of it
+        seal_description(folder / manifest.CROISSANT)
     for file in sealed["files"]:
         data = (folder / file["path"]).read_bytes()
         file |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
     change(sealed)
     sealed["checksum"] = manifest.checksum(sealed)
     (folder / manifest.PATH).write_bytes(as_json(sealed))
+
+
+def seal_description(path: Path) -> None:
+    """Give a description in Croissant the hashes of all files as they are."""
+    description = json.loads(path.read_bytes())
+    for file in description["distribution"]:
+        if (described := path.parent.parent / file["@id"]).is_file():
+            data = described.read_bytes()
+            file |= {"contentSize": f"{len(data)} B", "sha256": hashlib.sha256(data).hexdigest()}
+    path.write_bytes(as_json(description))

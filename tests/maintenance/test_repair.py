@@ -44,6 +44,7 @@ FILES = {  # and what happens to each
     "meta/episodes.parquet": "missing",
     "meta/statistics.json": "cut",
     manifest.EXPERIMENT: "flipped",
+    manifest.CROISSANT: "cut",
 }
 
 
@@ -90,9 +91,10 @@ def test_other_bytes_with_the_same_content_only_change_hashes(copied, file, monk
     rewritten(copied / path)
     before, root = contents(copied), ibdata.open(copied).content_root
     assert [problem.rule for problem in validate(copied)] == ["hash"]
-    assert repair(copied, workers=1) == [path]
+    assert repair(copied, workers=1) == [path, manifest.CROISSANT]
     after = contents(copied)
-    assert {name for name in after if after[name] != before[name]} == {str(copied / manifest.PATH)}
+    changed = {str(copied / name) for name in (manifest.PATH, manifest.CROISSANT)}
+    assert {name for name in after if after[name] != before[name]} == changed
     assert ibdata.open(copied).content_root == root
     assert validate(copied) == []
 
@@ -105,10 +107,10 @@ def test_a_shard_that_is_encoded_otherwise_gets_its_new_entry(copied, file, monk
     monkeypatch.setattr("ibdata.writing.shard.writer_options", other)
     before, path = ibdata.open(copied), file("shard 1")
     damage(copied / path, "cut")
-    assert repair(copied, workers=workers) == [path]
+    assert repair(copied, workers=workers) == [path, manifest.CROISSANT]
     after = ibdata.open(copied)
     old, new = before.stored.manifest.entries(), after.stored.manifest.entries()
-    assert {name for name in old if old[name] != new[name]} == {path}
+    assert {name for name in old if old[name] != new[name]} == {path, manifest.CROISSANT}
     assert (copied / path).stat().st_size == new[path].bytes
     assert after.content_root == before.content_root
     assert after.table().equals(before.table())

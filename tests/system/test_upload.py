@@ -14,7 +14,7 @@ from ibdata.errors import IbdataError, Interrupted, UsageError
 from ibdata.generation import upload
 from ibdata.system.storage import Remote
 
-FILES = 11  # of the dataset
+FILES = 12  # of the dataset
 PUT = Remote.put
 
 

@@ -57,6 +57,8 @@ JSON = {  # changes of values that follow from the experiment or the rows, by th
     "rows": ("dataset", lambda i: i["counts"].update(rows=1)),
     "near quantile": ("statistics", lambda s: moved(s, 0.011)),
     "column": ("statistics", lambda s: s["all"].update(more=s["all"]["reward"])),
+    "file": ("croissant", lambda c: c["distribution"].pop()),
+    "files of a split": ("croissant", lambda c: c["distribution"][2]["includes"].pop()),
     "of a split": ("statistics", lambda s: s["splits"]["source"]["reward"]["quantiles"].update({"0.5": 1e6})),
 }
 
@@ -100,7 +102,7 @@ MANIFEST = {
     "code": lambda m: m["code"].append({"target": "a:b", "version": None, "sha256": None}),
     "another experiment": lambda m: m["shards"][1].update(experiment=1),
     "other episodes": lambda m: m["shards"][1].update(episodes=[0, 1]),
-    "a file that is not listed": lambda m: m["files"].pop(),
+    "a file that is not listed": lambda m: m["files"].pop(0),
     "content root": lambda m: m.update(content_root="0" * 64),
 }
 

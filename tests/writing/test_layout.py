@@ -12,7 +12,13 @@ from ruamel.yaml import YAML
 import ibdata
 
 SHARDS = [(0, 2), (2, 3), (3, 5), (5, 6), (6, 8), (8, 9), (9, 11), (11, 12)]  # of `dataset`, by episode
-META = ["meta/dataset.json", "meta/episodes.parquet", "meta/experiment.yaml", "meta/manifest.json"]
+META = [
+    "meta/croissant.json",
+    "meta/dataset.json",
+    "meta/episodes.parquet",
+    "meta/experiment.yaml",
+    "meta/manifest.json",
+]
 META += ["meta/splits.json", "meta/statistics.json"]
 
 
@@ -133,8 +139,9 @@ def test_the_front_matter_names_the_files_of_every_split(dataset):
     matter = YAML(typ="safe", pure=True).load(front)
     assert opening == ""
     assert matter["size_categories"] == ["n<1K"]
+    assert matter["task_categories"] == ["reinforcement-learning"]
     default, *configs = matter["configs"]
-    assert default == {"config_name": "default", "default": True, "data_files": "data/*.parquet"}
+    assert default == {"config_name": "default", "default": True, "data_files": "data/part-*.parquet"}
     splits = {config["config_name"]: config["data_files"] for config in configs}
     shards = dataset.manifest["shards"]
     for name in ("source", "target"):

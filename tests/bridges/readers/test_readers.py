@@ -1,9 +1,13 @@
 """polars, duckdb, Hugging Face datasets, Ray Data and PyTorch read the same bits from a dataset."""
 
+import json
 import os
+import shutil
 
 import numpy as np
 import pytest
+from helpers import ROOT
+from helpers.folders import litter
 
 import ibdata
 
@@ -38,14 +42,16 @@ def by_huggingface(root):
 def by_polars(root):
     import polars as pl
 
-    return pl.scan_parquet(f"{root}/data/*.parquet").collect()
+    return pl.scan_parquet(f"{root}/data/part-*.parquet").collect()
 
 
 def by_duckdb(root):
     import duckdb
 
     with duckdb.connect() as connection:
-        return connection.sql(f"select * from '{root}/data/*.parquet' order by episode, step").fetchnumpy()
+        return connection.sql(
+            f"select * from '{root}/data/part-*.parquet' order by episode, step"
+        ).fetchnumpy()
 
 
 def by_ray_data(root):
@@ -74,6 +80,21 @@ def test_splits_are_configs_of_hugging_face(generated):
         assert len(found) == dataset.splits[config]["rows"]
         expected = dataset.table(["reward"], config)["reward"].to_numpy()
         assert found.with_format("numpy")["reward"][:].tobytes() == expected.tobytes()
+        stream = load_dataset(root, config, split="train", streaming=True)
+        assert [row["reward"] for row in stream] == expected.tolist()
+
+
+def test_a_folder_from_the_hub_is_whole(generated, tmp_path):
+    """The hub adds .gitattributes, the download .cache, and macOS its own files."""
+    root = shutil.copytree(generated / "data/transfer", tmp_path / "transfer")
+    (root / ".gitattributes").write_text("*.parquet filter=lfs diff=lfs merge=lfs -text")
+    (root / ".cache/huggingface").mkdir(parents=True)
+    (root / ".cache/huggingface/README.md.metadata").write_text("")
+    litter(root)
+    assert ibdata.validate(root) == []
+    assert ibdata.open(root).content_root == ibdata.open(generated / "data/transfer").content_root
+    assert len(by_huggingface(root)["reward"]) == 2000
+    assert len(by_polars(root)) == len(by_duckdb(root)["reward"]) == 2000
 
 
 @pytest.mark.parametrize(
@@ -84,6 +105,7 @@ def test_splits_are_configs_of_hugging_face(generated):
         ("duckdb", 10),
         ("PyTorch", 1000),
         ("Ray Data", 1000),
+        pytest.param("Croissant", 2000, marks=pytest.mark.filterwarnings("ignore::DeprecationWarning")),
         ("D4RL's format, and NumPy", None),
         ("NeoRL", None),
     ],
@@ -95,9 +117,13 @@ def test_the_snippets_of_a_section_run(use_with, started, heading, rows):
 
 
 def test_the_snippet_of_hugging_face(use_with):
-    names, viewed = use_with("Hugging Face datasets")
+    names, checked, viewed = use_with("Hugging Face datasets")
     assert (len(names["everything"]), len(names["target"])) == (2000, 200)
     assert tuple(names["batch"].shape) == (32,)
+    assert names["first"] == names["target"][0]["reward"]
+    canonical = json.loads((ROOT / "docs/canonical.json").read_bytes())["transfer"]["content_root"]
+    assert checked["published"] == canonical
+    assert (checked["problems"], checked["is_same"]) == ([], False)  # the episodes of tests are shorter
     found, data = viewed["markov"].with_format("numpy"), viewed["ibdata"].open("data/random")
     expected = data.arrays(view={"observe": "markov", "reward": {"consumption": 1, "fatigue": 1}})
     frame = data.windows(view={"observe": "markov"}).frame

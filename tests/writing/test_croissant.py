@@ -1,0 +1,120 @@
+"""meta/croissant.json follows from the experiments and the manifest; tests/bridges/readers reads it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.datasets import PLAIN
+from helpers.folders import seal
+
+import ibdata
+from ibdata.dataset import manifest
+from ibdata.writing.card import bibtex
+
+SMALL = {"name": "small", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 3}
+
+
+def described(dataset):
+    return json.loads(Path(dataset.path, manifest.CROISSANT).read_bytes())
+
+
+def by_id(items):
+    return {item["@id"]: item for item in items}
+
+
+@pytest.fixture
+def earlier(made_at, tmp_path):
+    """A dataset as earlier versions made it, without the description."""
+    made = made_at(PLAIN, tmp_path / "earlier")
+    seal(made.path, lambda listed: listed["files"].pop())
+    (made.path / manifest.CROISSANT).unlink()
+    return made
+
+
+def test_a_field_has_the_unit_the_meaning_and_the_bounds_of_its_column(either):
+    (rows, *_) = described(either)["recordSet"]
+    types = {"int": "Int", "float": "Float", "bool": "Boolean", "string": "Text"}
+    assert [field["name"] for field in rows["field"]] == either.table().column_names
+    for field, column in zip(rows["field"], either.info["columns"], strict=True):
+        kind = column["dtype"].rstrip("3264")
+        assert field["dataType"].partition(":")[2] == types[kind] + column["dtype"].removeprefix(kind)
+        bounds = (field.get("minValue"), field.get("maxValue"))
+        assert (field["description"], field["unitText"], *bounds) == (
+            column["description"], column["unit"], column["low"], column["high"],
+        )  # fmt: skip
+
+
+def test_the_files_and_the_splits_are_those_of_the_manifest(dataset):
+    told = described(dataset)
+    files = by_id(told["distribution"])
+    for path, entry in dataset.stored.manifest.entries().items():
+        if path != manifest.CROISSANT:
+            assert (files[path]["sha256"], files[path]["contentSize"]) == (entry.sha256, f"{entry.bytes} B")
+            assert (dataset.path / "meta" / files[path]["contentUrl"]).resolve() == dataset.path / path
+    shards = dataset.manifest["shards"]
+    sets = by_id(told["recordSet"])
+    assert list(sets) == ["rows", "split/source", "split/target", "splits"]
+    for name in ("source", "target"):
+        paths = [shard["path"] for shard in shards if name in shard["splits"]]
+        assert files[f"files/{name}"]["includes"] == paths
+        (used,) = {field["source"]["fileSet"]["@id"] for field in sets[f"split/{name}"]["field"]}
+        assert used == f"files/{name}"
+    counts = {
+        row["splits/name"]: (row["splits/episodes"], row["splits/rows"]) for row in sets["splits"]["data"]
+    }
+    assert counts == {name: (split["episodes"], split["rows"]) for name, split in dataset.splits.items()}
+
+
+def test_what_made_it_is_named(dataset):
+    told = described(dataset)
+    (activity,) = told["prov:wasGeneratedBy"]
+    assert activity["prov:used"] == [{"@id": manifest.EXPERIMENT}]
+    assert activity["prov:generated"]["identifier"] == dataset.content_root
+    assert activity["prov:wasAssociatedWith"]["softwareVersion"] == ibdata.__version__
+    assert told["citeAs"] == bibtex("small", dataset.content_root, ibdata.__version__)
+
+
+def test_a_merged_dataset_has_its_licences_experiments_and_files(made_at, tmp_path):
+    licences = ["CC0-1.0", "MIT OR Apache-2.0", "LicenseRef-mine"]
+    sets = [
+        made_at({**SMALL, "seed": seed, "licence": licence}, tmp_path / str(seed))
+        for seed, licence in enumerate(licences)
+    ]
+    merged = ibdata.merge([one.path for one in sets], tmp_path / "merged")
+    told = described(merged)
+    assert told["license"] == ["https://spdx.org/licenses/CC0-1.0", *licences[1:]]
+    used = [used["@id"] for used in told["prov:wasGeneratedBy"][0]["prov:used"]]
+    assert used == [f"meta/experiment-{number:05d}.yaml" for number in range(3)]
+    assert {*used, *(shard["path"] for shard in merged.manifest["shards"])} <= by_id(
+        told["distribution"]
+    ).keys()
+
+
+def test_labels_change_nothing_and_splits_of_files_are_told(made_at, tmp_path):
+    made = made_at(PLAIN, tmp_path / "labelled")
+    before = described(made)
+    labelled = ibdata.split(made.path, by="policy")
+    assert described(labelled) == before
+    assert ibdata.validate(made.path) == []
+    told = described(ibdata.split(made.path, materialize=tmp_path / "files"))
+    assert {"split/source", "split/random", "split/safe"} <= by_id(told["recordSet"]).keys()
+
+
+def test_a_dataset_without_it_is_whole_and_used(earlier, tmp_path):
+    assert ibdata.validate(earlier.path) == []
+    assert ibdata.repair(earlier.path, workers=1) == []
+    assert set(ibdata.split(earlier.path, by="policy").splits) == {"source", "random", "safe"}
+    (damaged := earlier.path / "meta/statistics.json").write_text("{}")
+    assert ibdata.repair(earlier.path, workers=1) == [str(damaged.relative_to(earlier.path))]
+    assert not (earlier.path / manifest.CROISSANT).exists()
+    copy = ibdata.split(earlier.path, materialize=tmp_path / "copy")
+    assert described(copy)["distribution"][0]["sha256"] == earlier.content_root
+
+
+@pytest.mark.parametrize("text", ["[]", "{", '{"distribution": 1}', "[[1]]"])
+def test_a_description_of_another_form_is_named(dataset, tmp_path, text):
+    copied = Path(shutil.copytree(dataset.path, tmp_path / "copied"))
+    (copied / manifest.CROISSANT).write_text(text)
+    seal(copied)
+    assert [(p.path, p.rule) for p in ibdata.validate(copied)] == [(manifest.CROISSANT, "files")]
