@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
+from helpers.folders import seal_description
 
 import ibdata
 from ibdata import Experiment
@@ -70,7 +71,8 @@ def prepared(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cal
 
 
 def _sealed(rest: str) -> None:
-    """Give the manifest the hashes of all files, and its checksum, as who means harm would."""
+    """Give Croissant and the manifest the hashes of all files, and a checksum, as who means harm would."""
+    seal_description(Path("d", manifest.CROISSANT))
     path = Path("d", manifest.PATH)
     listed = json.loads(path.read_bytes())
     for entry in listed["files"] if isinstance(listed.get("files"), list) else ():
