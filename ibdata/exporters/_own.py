@@ -12,7 +12,7 @@ CSV = b'"episode","step"'
 
 
 def is_folder_export(folder: Path) -> bool:
-    """Whether a folder with a folder named data is a dataset of Minari or LeRobot that `export` has written."""
+    """Whether a folder with data/ is a dataset of Minari or LeRobot that `export` has written."""
     tasks = folder / "meta" / "tasks.parquet"  # of LeRobot
     try:
         if tasks.exists():

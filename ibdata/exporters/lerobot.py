@@ -1,8 +1,8 @@
-"""A LeRobotDataset v3.0 without images: a folder with data/ and meta/. Each frame has its next observation, as
+"""A LeRobotDataset v3.0 without images: a folder with data/ and meta/. A frame has its next observation, as
 `next.observation.state`, so that no transition is lost. `next.done` marks the last frame of each episode, as
-LeRobot's own recordings have it; the time limit is no end to learn from, so bootstrap unless
-`next.terminated`. One step is one second. The task of an episode names its setpoint. Episodes are numbered
-from 0. Latent state is there only if it is observed. Written in constant memory.
+in LeRobot's recordings; bootstrap unless `next.terminated`. One step is one second. The task of an episode
+names its setpoint. Episodes are numbered from 0. There is no latent state beside what is observed. Written in
+constant memory.
 """
 
 from __future__ import annotations
@@ -79,6 +79,7 @@ def export(view: View, path: Path, target: Path) -> str:
     meta = path / "meta"
     start = 0
     tasks: dict[str, int] = {}
+    total: Statistics = {}
     rows: list[dict[str, Any]] = []
     with _Files(path / "data", metadata) as data, _Files(meta / "episodes", metadata) as episodes:
         for number, block in enumerate(view.episode_blocks()):
@@ -88,7 +89,7 @@ def export(view: View, path: Path, target: Path) -> str:
             place = data.place(frames)
             data.write(frames)
             statistics = {name: _statistics(array) for name, array in columns.items()}
-            total = _combined(total, statistics) if number else statistics
+            total = _combined(total, statistics) if total else statistics
             rows.append(_episode(number, task, place, range(start, start + len(frames)), statistics))
             start += len(frames)
             if len(rows) == EPISODES or start == view.rows:

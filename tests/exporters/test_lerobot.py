@@ -36,7 +36,10 @@ def episode_rows(folder):
 def test_info_describes_each_column(dataset, tmp_path, view, width):
     """A vector is a list of fixed size, but a number if it has one entry only, as LeRobot expects it."""
     exported = ibdata.export(dataset, "lerobot", tmp_path / "made", view=view)
-    info, schema = described(tmp_path / "made"), pq.read_schema(tmp_path / "made/data/chunk-000/file-000.parquet")
+    info, schema = (
+        described(tmp_path / "made"),
+        pq.read_schema(tmp_path / "made/data/chunk-000/file-000.parquet"),
+    )
     assert info["codebase_version"] == "v3.0"
     assert (info["total_frames"], info["total_episodes"], info["splits"]) == (480, 12, {"train": "0:12"})
     assert list(info["features"]) == schema.names
@@ -122,7 +125,9 @@ def test_a_task_is_a_setpoint(made):
     for row in episode_rows(made):
         frames = slice(row["dataset_from_index"], row["dataset_to_index"])
         (task,) = np.unique(found["task_index"][frames])
-        assert row["tasks"] == [texts[task]] == [texts[int(found["observation.state"][frames.start, 0] == 70)]]
+        assert (
+            row["tasks"] == [texts[task]] == [texts[int(found["observation.state"][frames.start, 0] == 70)]]
+        )
     assert described(made)["total_tasks"] == 2
 
 

@@ -73,7 +73,7 @@ def test_what_a_killed_export_left_is_discarded_by_the_next(dataset, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("to", ["csv", "d4rl", "npz"])
+@pytest.mark.parametrize("to", ["csv", "d4rl", "lerobot", "npz"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     done = run(FULL, dataset, to, tmp_path / "a" / "b")
     assert done.returncode == 1
