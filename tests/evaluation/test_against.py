@@ -39,9 +39,9 @@ def test_an_algorithm_has_a_line_over_its_seeds(shipped):
     lines = [("behaviour", 1), ("bc", 2), ("cql", 0)]
     assert shown == [(policy, *line) for policy in ("safe", "optimized") for line in lines]
     behaviour, bc, cql = found.baselines[3:]
-    assert behaviour[3:6] == pytest.approx([-6100.0] * 3)
-    assert bc[3:6] == pytest.approx([-5990.0, -6000.0, -5980.0])
-    assert cql[3:6] == cql[7:] == (None, None, None)
+    assert behaviour[4:7] == pytest.approx([-6100.0] * 3)
+    assert bc[4:7] == pytest.approx([-5990.0, -6000.0, -5980.0])
+    assert cql[4:7] == cql[8:] == (None, None, None)
     expected = found.returns[1, 0] - (OWN + 10.0)
     assert bc.mean_difference == pytest.approx(expected.mean(), abs=0.01)
     assert bc.standard_error == pytest.approx(expected.std(ddof=1) / np.sqrt(200), rel=1e-4)
@@ -70,11 +70,11 @@ def still(observations):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"episodes": 100}, "episodes: found 100, expected 200"),
+        ({"episodes": 100}, "--episodes: found 100, expected 200: --against optimized-40 compares"),
         ({"steps": 50}, "steps: found 50, expected 100"),
         ({"discount": 0.99}, "discount: found 0.99, expected 0.97"),
         ({"setpoint": 50}, "setpoint: found 50, expected 70"),
-        ({"setpoint": [70, 50]}, "setpoint: found [70.0, 50.0], expected 70"),
+        ({"setpoint": [70, 50]}, "--setpoint: found [70.0, 50.0], expected 70"),
         ({"start": {"burn_in": [1, 2]}}, "start: found {'burn_in': [1, 2]}, expected default"),
         ({"dynamics": "paper"}, "dynamics: found paper, expected siemens"),
         ({"seed": 1}, "seed: found 1, expected 0"),
