@@ -114,7 +114,7 @@ def evaluate(
     labels, of_policies = list(policies), everything.first(len(policies))
     points = scenario.points
     scored = scores(of_policies.discounted, everything.discounted[references])
-    all_notes = list(notes(scenario.episodes, points, scored[0], classic))
+    all_notes = [*baselines.notes(), *notes(scenario.episodes, points, scored[0], classic)]
     for (label, policy), notes_of_policy in zip(policies.items(), of_policies.notes, strict=True):
         all_notes += [f"{label}: {note}" for note in (*notes_of_policy, *other_dynamics(policy, scenario))]
     return Evaluation(

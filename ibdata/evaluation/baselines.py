@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -219,6 +219,11 @@ class Against(NamedTuple):
     settings: dict[str, Any]
     lines: list[Baseline]
 
+    def notes(self) -> Iterator[str]:
+        """The settings of the evaluation, as a line."""
+        for name in dict.fromkeys(line.set for line in self.lines):
+            yield f"against {name}: {_text(_forms(self.settings))}"
+
     def compared(self, labels: Sequence[str], returns: Floats) -> list[Comparison]:
         """Compare policies, by their returns (policies, setpoints, episodes), with each algorithm."""
         groups: dict[tuple[str, str], list[Baseline]] = {}
@@ -280,10 +285,9 @@ def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[
         if not nearest or len(differing) < len(nearest["found"]):
             nearest = {"found": differing, "expected": expected}
     key, value = next(iter(nearest["found"].items()))
-    every = ", ".join(f"{setting} {_shown(value)}" for setting, value in nearest["expected"].items())
     raise UsageError(
         f"--{key}: found {_shown(value)}, expected {_shown(nearest['expected'][key])}: --against {name} "
-        f"compares with the returns of {every}"
+        f"compares with the returns of {_text(nearest['expected'])}"
     )
 
 
@@ -303,6 +307,11 @@ def _forms(settings: Mapping[str, Any]) -> dict[str, Any]:
         "episodes": scenario.episodes,
         "seed": scenario.seed,
     }
+
+
+def _text(settings: Mapping[str, Any]) -> str:
+    """Settings in a line."""
+    return ", ".join(f"{name} {_shown(value)}" for name, value in settings.items())
 
 
 def _shown(value: object) -> str:

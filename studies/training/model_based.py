@@ -240,8 +240,9 @@ def train(
 
 def improved(clone: Policy, models: Models) -> Policy:
     """The policy that a search by imagined steps makes of a clone."""
-    policy = copy.deepcopy(clone).requires_grad_(True)
+    policy: Policy = copy.deepcopy(clone).requires_grad_(True)
     optimizer = torch.optim.Adam(policy.parameters(), lr=POLICY_RATE)
     for _ in range(POLICY_STEPS):
         descend(optimizer, -imagined(policy, clone, models, models.observations[models.drawn(BATCH)]), 1.0)
-    return policy.requires_grad_(False)
+    policy.requires_grad_(False)
+    return policy

@@ -89,8 +89,12 @@ def joined(parts: Sequence[Rows]) -> Rows:
     """The episodes of all parts."""
     starts = np.cumsum([0, *(len(part.actions) for part in parts)])
     transitions = [start + part.transitions for start, part in zip(starts, parts, strict=False)]
-    columns = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    return Rows(*columns, np.concatenate(transitions))
+    return Rows(
+        np.concatenate([part.observations for part in parts]),
+        np.concatenate([part.actions for part in parts]),
+        np.concatenate([part.rewards for part in parts]),
+        np.concatenate(transitions),
+    )
 
 
 def rows_of(dataset: ibdata.Dataset, history: int = HISTORY, **conditions: Any) -> Rows:

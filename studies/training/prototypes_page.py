@@ -60,7 +60,7 @@ def returns_table(results: Results, name: str) -> str:
             over_seeds(means(results.returns(name, data, algorithm, settings), by))
             for settings, by in COLUMNS.values()
         ]
-        rows.append([data, LABELS[algorithm], len(results.runs(name, data, algorithm)), *cells])
+        rows.append([data, LABELS[algorithm], str(len(results.runs(name, data, algorithm))), *cells])
     return table(["trained on", "policy", "seeds", *COLUMNS], rows)
 
 

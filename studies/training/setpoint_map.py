@@ -82,7 +82,7 @@ def table_of(results: Results, measured: dict[str, list[list[float]]]) -> str:
         [f"{source}", *("–" if np.isnan(x) else number(x, 2) for x in row)]
         for source, row in zip(SOURCES, gain, strict=True)
     ]
-    return table(["", *outcomes], rows) + "\n\n" + table(["source, target:", *TARGETS], cells)
+    return table(["", *outcomes], rows) + "\n\n" + table(["source, target:", *map(str, TARGETS)], cells)
 
 
 def rank_over(predictor: Floats, outcome: Floats) -> float:
