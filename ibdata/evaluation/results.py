@@ -68,7 +68,8 @@ class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
     `scale` says what scores mean, and `notes` which baselines were compared, why errors or scores are missing
-    and what may be wrong with a policy, a line for each. `baselines` compares the policies with the shipped results on a set.
+    and what may be wrong with a policy, a line for each. `baselines` compares the policies with the shipped
+    results on a set.
     """
 
     results: list[Result]
