@@ -172,6 +172,13 @@ reward_option = click.option(
     default="classic",
     help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
 )
+cost_option = click.option(
+    "--cost",
+    type=YAML,
+    metavar="COST",
+    help="A cost beside the reward: runaway, or '{fatigue: 60}' with a limit, and a budget: '{fatigue: 60, "
+    "budget: 25}'.",
+)
 workers_option = click.option(
     "--workers", type=int, metavar="N", help="Worker processes; default: chosen by the work."
 )

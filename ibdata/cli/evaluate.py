@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from ibdata.cli._options import YAML, allow_code_option, policies, progress_option, reward_option
+from ibdata.cli._options import YAML, allow_code_option, cost_option, policies, progress_option, reward_option
 from ibdata.cli._printing import Result, prints_result
 
 
@@ -42,6 +42,7 @@ from ibdata.cli._printing import Result, prints_result
     help="Dynamics: siemens, paper, or '{base: …, field: value}'; default siemens.",
 )
 @reward_option
+@cost_option
 @click.option("--seed", type=int, metavar="N", help="Seed of the random numbers; default 0.")
 @click.option(
     "--against",
@@ -57,6 +58,7 @@ def evaluate_command(
     more_policies: tuple[str, ...],
     setpoints: tuple[Any, ...],
     reward: Any,
+    cost: Any,
     **settings: Any,
 ) -> Result:
     """Simulate new episodes with policies and compare their returns.
@@ -68,6 +70,7 @@ def evaluate_command(
     ibdata evaluate safe random --steps 1000 --discount 1
     ibdata evaluate safe --setpoint 10 --setpoint 100
     ibdata evaluate '{kind: gaussian, base: {kind: bad}, scale: 0.1}'
+    ibdata evaluate safe expert --cost '{fatigue: 60, budget: 25}'
     ibdata evaluate safe --against optimized-40
     ibdata evaluate safe --against random --start '{burn_in: [15, 64]}'
     """
@@ -77,4 +80,4 @@ def evaluate_command(
     if not named:
         raise click.UsageError("Missing argument 'POLICY'; ibdata config policies lists the kinds.")
     points = list(setpoints) if len(setpoints) > 1 else next(iter(setpoints), None)
-    return evaluate(named, points, view={"reward": reward}, **settings)
+    return evaluate(named, points, view={"reward": reward, "cost": cost}, **settings)

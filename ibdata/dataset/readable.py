@@ -116,9 +116,9 @@ class Readable(ABC):
             split: Only rows of this split, or of these.
             setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
             policy: Only rows of the policy with this label, or with these.
-            view: The options of a view, a mapping of some of observe, actions, reward, reward_scale and
-                imperfections (docs/views.md). The columns are then episode, step, those of the frame, the
-                actions, the reward, the flags, and `next_…` of the frame.
+            view: The options of a view, a mapping of some of observe, actions, reward, reward_scale,
+                imperfections and cost (docs/views.md). The columns are then episode, step, those of the
+                frame, the actions, the reward, the cost, the flags, and `next_…` of the frame.
 
         Raises:
             UsageError: The dataset has no such column, split, setpoint or policy, or no episode that meets
@@ -247,8 +247,9 @@ class Readable(ABC):
 
         Returns:
             observations and next_observations (N, 6 · history), actions (N, 3), rewards, terminated,
-            truncated, episode and step (N,), and the further columns by name. If the view observes values
-            that the dataset does not have after the last row of an episode, that row is left out.
+            truncated, episode and step (N,), and the further columns by name; costs (N,) if the view has a
+            cost. If the view observes values that the dataset does not have after the last row of an episode,
+            that row is left out.
 
         Raises:
             UsageError: An argument is invalid, or as in `table`.

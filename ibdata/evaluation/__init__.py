@@ -71,7 +71,7 @@ def evaluate(
             docs/prototypes.md) are compared with the policies. The settings above are then those of the
             set's first evaluation that agrees with the given ones.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
-        view: what objects see, and the reward, as the options of a view (docs/views.md), without
+        view: what objects see, the reward, and a cost, as the options of a view (docs/views.md), without
             `reward_scale`. Policies of other kinds always see the six observed variables; there are scores
             only for the classic reward.
 
@@ -111,6 +111,7 @@ def evaluate(
     with bar(progress, len(cells) * scenario.episodes * scenario.steps, "steps") as advance:
         everything = play(scenario, cells, discount, advance, options)
 
+    budget = None if options.cost is None else options.cost.budget
     labels, of_policies = list(policies), everything.first(len(policies))
     points = scenario.points
     scored = scores(of_policies.discounted, everything.discounted[references])
@@ -118,7 +119,7 @@ def evaluate(
     for (label, policy), notes_of_policy in zip(policies.items(), of_policies.notes, strict=True):
         all_notes += [f"{label}: {note}" for note in (*notes_of_policy, *other_dynamics(policy, scenario))]
     return Evaluation(
-        results_of(labels, points, of_policies, scored, scenario.steps),
+        results_of(labels, points, of_policies, scored, scenario.steps, budget),
         differences_of(labels, points, of_policies.discounted),
         SCALE if any(score.score is not None for score in scored[0]) else None,
         of_policies.discounted,

@@ -26,6 +26,7 @@ from ibdata.version import __version__
 from ibdata.views.options import ACTIONS, bounds_of
 
 ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # the ids that Minari accepts, if they have a version
+COSTS = True  # it has a place for them
 ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
 ENTRY_POINT = "ibdata.environment:IndustrialBenchmarkEnv"  # text: Minari cannot store a class
 

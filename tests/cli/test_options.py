@@ -33,20 +33,21 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     (f"config show random {CHANGES}", "ibdata.experiment.load", {"config": "random", **LOADED}),
     (
         "evaluate safe --policy bad --setpoint 50 --setpoint 70 --steps 4 --discount .5 --episodes 6"
-        " --start {'burn_in':[3,9]} --dynamics {'eta_mean':.1} --reward delta --seed 7"
+        " --start {'burn_in':[3,9]} --dynamics {'eta_mean':.1} --reward delta --cost runaway --seed 7"
         " --against optimized-40 --allow-code -q",
         "ibdata.evaluation.evaluate",
         {"policy": ["safe", "bad"], "setpoint": [50, 70], "steps": 4, "discount": 0.5, "episodes": 6,
-         "start": {"burn_in": [3, 9]}, "dynamics": {"eta_mean": 0.1}, "view": {"reward": "delta"}, "seed": 7,
+         "start": {"burn_in": [3, 9]}, "dynamics": {"eta_mean": 0.1}, "seed": 7,
+         "view": {"reward": "delta", "cost": "runaway"},
          "against": "optimized-40", "allow_code": True, "progress": False},
     ),
     (
         "export $D --to csv --out o --history 3 --reward-scale .5 --observe markov --actions"
-        " --reward delta --imperfections {'seed':1} --id a/b-v1 --overwrite --quiet",
+        " --reward delta --imperfections {'seed':1} --cost {'fatigue':60} --id a/b-v1 --overwrite --quiet",
         "ibdata.exporters.export",
         {"dataset": DATA, "to": "csv", "out": "o", "history": 3,
          "view": {"observe": "markov", "actions": True, "reward": "delta", "reward_scale": 0.5,
-                  "imperfections": {"seed": 1}},
+                  "imperfections": {"seed": 1}, "cost": {"fatigue": 60}},
          "id": "a/b-v1", "overwrite": True, "progress": False},
     ),
     (f"export $D --to csv --out o {CHOICE}", SELECT, CHOSEN),
