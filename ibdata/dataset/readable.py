@@ -15,6 +15,8 @@ import pyarrow as pa
 from ibdata.arguments import public
 from ibdata.dataset.conditions import (
     Columns,
+    Limits,
+    Numbers,
     Policy,
     Setpoint,
     Split,
@@ -44,7 +46,15 @@ class Readable(ABC):
     stored: Stored
 
     @abstractmethod
-    def select(self, split: Split = None, *, setpoint: Setpoint = None, policy: Policy = None) -> Selection:
+    def select(
+        self,
+        split: Split = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+        episodes: Numbers = None,
+        returns: Limits = None,
+    ) -> Selection:
         """The episodes that meet all of these conditions, see `Dataset.select`."""
 
     @abstractmethod

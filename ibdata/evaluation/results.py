@@ -67,8 +67,9 @@ class Difference(NamedTuple):
 class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
-    `scale` says what scores mean, and `notes` why errors or scores are missing and what may be wrong with a
-    policy, a line for each reason. `baselines` compares the policies with the shipped results on a set.
+    `scale` says what scores mean, and `notes` which baselines were compared, why errors or scores are missing
+    and what may be wrong with a policy, a line for each. `baselines` compares the policies with the shipped
+    results on a set.
     """
 
     results: list[Result]
@@ -85,7 +86,9 @@ class Evaluation(Tabular):
         said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
         shown = [_shown(Result._fields, self.results, said)]
         if self.baselines:
-            shown.append(Table(Comparison._fields, self.baselines))
+            names = [name for name in Comparison._fields if name not in WIDE]
+            rows = [[getattr(row, name) for name in names] for row in self.baselines]
+            shown.append(Table(names, rows))
         if self.differences:
             shown.append(_shown(Difference._fields, self.differences))
         return shown
