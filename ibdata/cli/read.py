@@ -1,5 +1,7 @@
 """Commands that look at datasets: ls, info, head, stats."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import TYPE_CHECKING
 
