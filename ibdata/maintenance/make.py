@@ -53,7 +53,7 @@ def make(
 
     Returns:
         The environment of the set, and the rows to train and to validate on, as `Dataset.arrays` has them.
-        Those to validate on are the split `validation`, or else the last tenth of the episodes to train on, at
+        Those to validate on are the split `validation`, or else the last tenth of those to train on, at
         each setpoint if it has ten or more. Those to train on are the split `train`, or all others.
 
     Raises:
