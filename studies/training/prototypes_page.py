@@ -137,24 +137,6 @@ def transfer_table(results: Results) -> str:
     return f"{known}\n\n{table(head, learned)}"
 
 
-def variants_table(results: Results) -> str:
-    """A Markdown table of the known policies while setpoints move, and under `paper`."""
-    columns = {
-        "moving, 100 steps": ("drifting", 0, 100.0),
-        "moving, a step": ("drifting", 1, 1000.0),
-        "`paper`, 100 steps": ("random-paper", 0, 100.0),
-        "`paper`, a step": ("random-paper", 1, 1000.0),
-    }
-    rows = []
-    for policy in KNOWN:
-        cells = [
-            with_error(results.known(name, policy, EVALUATIONS[name][i]), by)
-            for name, i, by in columns.values()
-        ]
-        rows.append([LABELS[policy], *cells])
-    return table(["policy", *columns], rows)
-
-
 def best_at_70(results: Results) -> str:
     """A Markdown table of the rewards of a step at setpoint 70 over 1,000 steps: ours, best runs."""
     at = TEN.index(70.0)
@@ -188,7 +170,6 @@ def blocks(lines: Iterable[Baseline], measured: dict[str, Any]) -> dict[str, str
         "transfer models": model_table(results),
         "transfer returns": transfer_table(results),
         "map": setpoint_map.table_of(results, measured["distances"]),
-        "variants": variants_table(results),
         "at 70": best_at_70(results),
     }
 
