@@ -22,6 +22,7 @@ from ibdata.numerics.naming import exact
 from ibdata.views.options import ACTIONS
 from ibdata.writing.metadata import as_json
 
+COSTS = True  # it has a place for them
 VERSION = "v3.0"
 FPS = 1  # frames per second; a step of the benchmark has no duration
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -114,11 +115,13 @@ def _task(view: View, block: Block) -> str:
 def _columns(block: Block, number: int, start: int, task: int) -> Arrays:
     """The features of an episode; `start` is the number of its first frame."""
     steps = block.step.astype(np.int64)
+    costs = {"next.cost": block.extras["cost"]} if "cost" in block.extras else {}
     return {
         "observation.state": block.observations,
         "action": block.actions,
         "next.observation.state": block.next_observations,
         "next.reward": block.rewards,
+        **costs,
         "next.done": block.terminated | block.truncated,
         "next.terminated": block.terminated,
         "next.truncated": block.truncated,

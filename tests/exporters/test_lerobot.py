@@ -81,6 +81,19 @@ def test_the_final_observation_of_each_episode_is_there(dataset, tmp_path):
     equal(following[:, -1], arrays["next_observations"].reshape(12, 40, 6)[:, -1])
 
 
+def test_costs_stand_beside_rewards(dataset, tmp_path):
+    view = {"cost": {"fatigue": 5}}
+    ibdata.export(dataset, "lerobot", tmp_path / "made", view=view)
+    costs = dataset.arrays(view=view)["costs"]
+    assert 0 < costs.sum() < 480
+    equal(parquet(tmp_path / "made" / "data")["next.cost"], costs)
+    assert described(tmp_path / "made")["features"]["next.cost"] == {
+        "dtype": "float32",
+        "shape": [1],
+        "names": None,
+    }
+
+
 def test_the_row_of_an_episode_has_its_place_and_its_statistics(made):
     """Its extremes have the type of the feature."""
     found, rows = parquet(made / "data"), episode_rows(made)
@@ -147,6 +160,10 @@ def test_files_are_numbered_in_chunks_and_hold_whole_episodes(dataset, tmp_path,
     files = sorted(str(path.relative_to(made)) for path in (made / "data").rglob("*.parquet"))
     assert len(files) >= 4
     assert files[2:4] == ["data/chunk-000/file-002.parquet", "data/chunk-001/file-000.parquet"]
+    for file in files:
+        found = pq.read_metadata(made / file)
+        columns = [found.row_group(i).column(j) for i in range(found.num_row_groups) for j in range(12)]
+        assert sum(column.total_compressed_size for column in columns) <= 0.008 * 2**20
     rows, info = episode_rows(made), described(made)
     assert (len(rows), info["chunks_size"]) == (12, 3)
     for folder in ("data", "meta/episodes"):
