@@ -16,6 +16,7 @@ from training.protocol import ANYWHERE, AT_TEN
 from training.prototypes_page import LABELS
 from training.results import Results, means
 
+ERRORS = (2, 5, 10, 20, 50, 100)
 FOLDER = DOCS / "figures"
 KNOWN = {"zero": ("no change", ":"), "optimized": ("optimized", "--"), "expert": ("expert", "-")}
 NAMES = {
@@ -57,6 +58,8 @@ def draw_batches(figure: Figure, results: Results) -> None:
                 level = results.known(name, policy, settings).mean() / 100.0
                 axis.axhline(level, color="0.5", linestyle=style, linewidth=0.8, label=label)
             axis.set(xscale="log", title=f"{name}, {title}")
+            axis.set_xticks([10**4, 10**5, 10**6], ["10⁴", "10⁵", "10⁶"])
+            axis.minorticks_off()
     for axis in axes[1]:
         axis.set_xlabel("transitions")
     figure.supylabel("mean return / 100 over ten setpoints", fontsize=9)
@@ -67,7 +70,7 @@ def draw_batches(figure: Figure, results: Results) -> None:
 def draw_transfer(figure: Figure, results: Results) -> None:
     """Draw the errors of models at the target against the episodes of the target, by way of learning."""
     figure.set_size_inches(7.0, 3.0)
-    axes = figure.subplots(1, 3)
+    axes = figure.subplots(1, 3, sharey=True)
     panels = [("fatigue", 1), ("consumption", 1), ("consumption", 10)]
     for axis, (quantity, steps) in zip(axes, panels, strict=True):
         for way, (colour, marker, style) in zip(WAYS, SERIES, strict=False):
@@ -80,8 +83,10 @@ def draw_transfer(figure: Figure, results: Results) -> None:
             )
             floor = [getattr(e, f"floor_{quantity}") for seeds in by_count for e in seeds]
         axis.axhline(np.mean(floor), color="0.5", linestyle=":", label="noise floor")
+        axis.set_ylim(2.0, 100.0)
         axis.set(title=f"{quantity}, {steps} step{'s'[: steps > 1]}", xscale="log", yscale="log")
         axis.set_xticks(FEW, [str(count) for count in FEW])
+        axis.set_yticks(ERRORS, [str(error) for error in ERRORS])
         axis.minorticks_off()
         axis.set_xlabel(f"episodes at {TARGET}")
     axes[0].set_ylabel("root mean square error")
