@@ -20,13 +20,20 @@ CLEAN = {"PYTHONPATH": None, "OMP_NUM_THREADS": "1"}  # torch would use all proc
 
 
 def bridge(session: nox.Session, path: Path, newest: bool) -> None:
-    """Install the requirements of a bridge, the project among them, and run its tests."""
+    """Install the requirements of a bridge, the project among them, and run its tests.
+
+    What stands behind --no-deps is installed after all else, without its own requirements.
+    """
     wanted = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     pins = ["--constraint", "constraints.txt"]
     if newest:
         wanted, pins = [re.sub("==.*", "", line) for line in wanted], ["--upgrade"]
     # --no-compile, because compiling all of torch and Ray takes longer than the tests save
-    session.install("--no-compile", *pins, *wanted, "pytest", "pytest-xdist")
+    alone = [line for line in wanted if line.startswith("--no-deps ")]
+    others = [line for line in wanted if line not in alone]
+    session.install("--no-compile", *pins, *others, "pytest", "pytest-xdist")
+    for line in alone:
+        session.install("--no-compile", *line.split())
     tests = f"tests/bridges/{path.stem.partition('-')[0]}"
     session.run("pytest", tests, *(session.posargs or ["-q", "-n0", "-m", ""]), env=CLEAN)
 
@@ -78,7 +85,7 @@ def build(session: nox.Session) -> None:
 
 def run_readme(session: nox.Session, file: Path, folder: Path) -> None:
     """Install a file into an empty environment, and run there what the README shows."""
-    lines = Path("README.md").read_text(encoding="utf-8").split("## Ten lines\n")[1].split("\n## ")[0]
+    lines = Path("README.md").read_text(encoding="utf-8").split("## Your own\n")[1].split("\n## ")[0]
     guide, venv = Path("scripts/guide").resolve(), folder / "venv"
     session.run("python", "-m", "venv", str(venv))
     session.run(str(venv / "bin/pip"), "install", "--quiet", str(file), external=True)

@@ -9,22 +9,33 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ibdata.exporters._view import Array, Arrays, Block, View
 
+PARQUET = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
+
+
+def vectors(array: Array) -> pa.Array:
+    """The rows of a matrix as lists of one size."""
+    values = pa.array(np.ascontiguousarray(array).reshape(-1))
+    return pa.FixedSizeListArray.from_arrays(values, array.shape[1])
+
 
 def transitions(block: Block) -> Arrays:
-    """The arrays of D4RL, with the latent state in infos/."""
+    """The arrays of D4RL, with the latent state in infos/, and costs as in DSRL if the view has a cost."""
+    costs = {"costs": block.extras["cost"]} if "cost" in block.extras else {}
     return {
         "observations": block.observations,
         "actions": block.actions,
         "rewards": block.rewards,
+        **costs,
         "next_observations": block.next_observations,
         "terminals": block.terminated,
         "timeouts": block.truncated,
         "infos/episode": block.episode,
         "infos/step": block.step,
-        **{f"infos/{name}": array for name, array in block.extras.items()},
+        **{f"infos/{name}": array for name, array in block.extras.items() if name != "cost"},
     }
 
 

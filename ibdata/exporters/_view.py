@@ -13,6 +13,7 @@ import pyarrow as pa
 from ibdata.dataset.selection import Selection
 from ibdata.dataset.transitions import left_out, needed, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, identity
+from ibdata.errors import UsageError
 from ibdata.system.progress import bar
 from ibdata.views.options import ACTIONS, PLAIN, ViewOptions
 
@@ -33,7 +34,7 @@ class Block(NamedTuple):
     truncated: Array  # (n,) bool
     episode: Array  # (n,) int64
     step: Array  # (n,) int32
-    extras: Arrays  # (n,) each, by column: latent state, log density of the action, clean values
+    extras: Arrays  # (n,) each, by column: latent state, log density of the action, clean values, cost
 
 
 ARRAYS = Block._fields[:-1]
@@ -77,7 +78,16 @@ class View:
     def bytes(self) -> int:
         """The size of the arrays of all blocks."""
         floats = 2 * len(self.frame) * self.history + len(ACTIONS) + 1 + len(self.beside) + len(self.clean)
+        floats += self.options.cost is not None
         return self.rows * (4 * floats + 8 + 4 + 1 + 1)
+
+    def refuse_no_rows(self) -> None:
+        """Raise UsageError if no row has its next frame in the dataset."""
+        if not self.rows:
+            raise UsageError(
+                "view: found no transition whose next frame is in the dataset, "
+                "expected episodes of several steps"
+            )
 
     def plain(self) -> dict[str, Any]:
         """What the export shows, as JSON data for its own metadata.
@@ -111,6 +121,8 @@ class View:
             arrays = {name: _float32(array) for name, array in arrays.items()}
             extras = {name: arrays[name] for name in self.beside}
             extras |= {f"clean_{name}": arrays[name] for name in self.clean}
+            if self.options.cost is not None:
+                extras["cost"] = arrays["costs"]
             if len(arrays["step"]):
                 yield Block(**{name: arrays[name] for name in ARRAYS}, extras=extras)
 

@@ -216,8 +216,9 @@ def _info(stored: Stored, spec: DatasetSpec) -> Iterator[Problem]:
 
 def _croissant(stored: Stored, spec: DatasetSpec) -> Iterator[Problem]:
     """Compare the files and their hashes. What else the description says may be said in other words."""
+    data = stored.read(manifest.CROISSANT)
     try:
-        stored_files = dict(manifest.loads(stored.read(manifest.CROISSANT)))["distribution"]
+        stored_files = dict(manifest.loads(data))["distribution"]
     except (ValueError, TypeError, KeyError):
         stored_files = None
     listed = stored.manifest

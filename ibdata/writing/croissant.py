@@ -52,7 +52,7 @@ RESPONSIBLE = {
         "Episodes end at a time limit; the benchmark has no terminal states.",
     ],
     "rai:dataBiases": [
-        "States and actions are as frequent as the behaviour policies make them; other places are empty.",
+        "States and actions are as frequent as the behaviour policies make them; there are no others.",
     ],
     "rai:dataUseCases": [
         "Research on offline reinforcement learning: learning, evaluating and selecting policies, learning "
