@@ -23,5 +23,5 @@ def canonical_file() -> Path:
 
 def shipped() -> dict[str, Path]:
     """The configs that come with ibdata, by name without '.yaml'; in a suite the name is suite/name."""
-    paths = [*sorted(root().glob("*.yaml")), *sorted(root().glob("*/*.yaml"))]
+    paths = [*sorted(root().glob("[!.]*.yaml")), *sorted(root().glob("*/[!.]*.yaml"))]
     return {path.relative_to(root()).with_suffix("").as_posix(): path for path in paths}
