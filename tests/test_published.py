@@ -20,12 +20,24 @@ INFO = "setpoint velocity gain shift fatigue consumption"
 COSTS = " ".join(f"op_cost_t{i}" for i in range(10))
 NOTHING = (0.0, 0.0, 0.0)
 
+pytestmark = pytest.mark.usefixtures("global_generator")
 
-@pytest.fixture(autouse=True)
-def global_generator():
-    before = np.random.get_state()  # noqa: NPY002
-    yield
-    np.random.set_state(before)  # noqa: NPY002
+
+# The last rows of test_data/markovStates0.csv and 9 in the authors' repository, siemens/industrialbenchmark
+# fe844f0, by setpoint and seed of their own test.
+STORED_KEYS = "hg hv he ge ve MC c v g h f fb oc reward"
+STORED = {
+    (88, 1005): """
+        0.2529337718054738 0.1561980840334950 -1.431526284003990 0.1197240362919674 0.1412943599053498
+        -1.067597830483195 241.1964982555204 47.96409606877143 77.59007209308537 36.56947431992021
+        9.537158523634544 28.07971400109189 182.5600942953580 -269.8079738264240
+    """,
+    (69, 1014): """
+        1.156309107389090 0.02830878833329135 -0.6535271919207417 0.8019279619882091 0.02830878833329135
+        -0.2511752196979196 164.9823916637220 87.05069120817244 9.231496457707077 44.52945616158517
+        35.65646871564321 55.19600826740088 134.4060058200222 -271.9517978106516
+    """,
+}
 
 
 def logistic(x):
@@ -52,6 +64,16 @@ def test_the_first_state_by_hand():
     assert ids.visibleState() == pytest.approx([50, 50, 50, 50, fatigue, consumption, cost, -cost])
     assert (ids.state["hv"], ids.state["hg"]) == pytest.approx((eta_v / 3, eta_g / 3))
     assert np.random.rand() == draw.rand()  # noqa: NPY002
+
+
+@pytest.mark.parametrize(("setpoint", "seed"), STORED)
+def test_the_last_row_of_the_authors_own_test(setpoint, seed):
+    ids = IDS(setpoint, inital_seed=seed)
+    for _ in range(1000):
+        ids.step(2 * np.random.rand(3) - 1)  # noqa: NPY002
+    expected = [float(number) for number in STORED[setpoint, seed].split()]
+    assert [ids.state[key] for key in STORED_KEYS.split()] == pytest.approx(expected, rel=1e-13, abs=1e-14)
+    assert [ids.state[key] for key in ("gs_domain", "gs_sys_response", "gs_phi_idx")] == [-1, -1, 6]
 
 
 def test_the_names_are_the_published_ones():

@@ -21,12 +21,7 @@ STORED = json.loads((ROOT / "tests/reference/old_scripts.json").read_text())["ro
 KEPT = [row for row in old_scripts.KEPT if FULL or row < 1000]
 STEPS = KEPT[-1] + 1
 
-
-@pytest.fixture(autouse=True)
-def global_generator():
-    before = np.random.get_state()  # noqa: NPY002
-    yield
-    np.random.set_state(before)  # noqa: NPY002
+pytestmark = pytest.mark.usefixtures("global_generator")
 
 
 @pytest.fixture
