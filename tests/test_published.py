@@ -84,6 +84,18 @@ def test_the_names_are_the_published_ones():
     assert ids.markovState().shape == (30,)
     assert list(env.info) == f"{INFO} {COSTS} ml1 ml2 ml3 hv hg".split()
     assert env.info["op_cost_t9"] == env.IB.state["coc"]
+    whole = ("p", "gs_domain", "gs_sys_response", "gs_phi_idx")
+    assert [type(ids.state[key]) for key in whole] == [int] * 4
+
+
+def test_the_probability_of_an_event_is_bounded(monkeypatch):
+    probabilities = []
+    monkeypatch.setattr(np.random, "binomial", lambda n, p: probabilities.append(p) or 0)
+    ids = IDS(50, inital_seed=0)
+    for gain in (100.0, 0.0):
+        ids.state["g"] = gain
+        ids.step(NOTHING)
+    assert probabilities[2::2] == [0.001, 0.999]
 
 
 def test_a_state_that_a_script_writes_is_continued():
