@@ -78,7 +78,7 @@ def build(session: nox.Session) -> None:
 
 def run_readme(session: nox.Session, file: Path, folder: Path) -> None:
     """Install a file into an empty environment, and run there what the README shows."""
-    lines = Path("README.md").read_text(encoding="utf-8").split("## Ten lines\n")[1].split("\n## ")[0]
+    lines = Path("README.md").read_text(encoding="utf-8").split("## Your own\n")[1].split("\n## ")[0]
     guide, venv = Path("scripts/guide").resolve(), folder / "venv"
     session.run("python", "-m", "venv", str(venv))
     session.run(str(venv / "bin/pip"), "install", "--quiet", str(file), external=True)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.generation.estimate import estimate as estimate
     from ibdata.generation.generate import finalize as finalize
     from ibdata.generation.generate import generate as generate
+    from ibdata.maintenance.make import make as make
     from ibdata.maintenance.merge import merge as merge
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
@@ -47,6 +48,7 @@ _MODULES = {
     "generate": "generation.generate",
     "importance": "evaluation.importance",
     "load": "experiment",
+    "make": "maintenance.make",
     "merge": "maintenance.merge",
     "noise_floor": "evaluation.noise_floor",
     "open": "dataset.reader",

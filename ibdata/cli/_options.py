@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,19 @@ def _one_or_several(context: click.Context, option: click.Parameter, names: tupl
     return list(names) if len(names) > 1 else next(iter(names), None)
 
 
+def _numbers(context: click.Context, option: click.Parameter, text: str | None) -> list[int] | None:
+    """The numbers of a text such as 0-9,17."""
+    if text is None:
+        return None
+    numbers: list[int] = []
+    for part in text.split(","):
+        first, _, last = part.strip().partition("-")
+        if not (first.isdecimal() and (last or first).isdecimal()):
+            raise UsageError(f"--episodes: found {text!r}, expected numbers and ranges such as 0-9,17")
+        numbers += range(int(first), int(last or first) + 1)
+    return numbers
+
+
 split_option = click.option(
     "--split",
     metavar="NAME",
@@ -102,12 +116,68 @@ split_option = click.option(
     callback=_one_or_several,
     help="Use only rows of this split; give it again for several.",
 )
+SELECTING = ("split", "setpoint", "policy", "episodes", "returns")
+_selection_options = (
+    split_option,
+    click.option(
+        "--setpoint",
+        type=float,
+        metavar="P",
+        multiple=True,
+        callback=_one_or_several,
+        help="Use only rows at this setpoint; give it again for several.",
+    ),
+    click.option(
+        "--policy",
+        metavar="LABEL",
+        multiple=True,
+        callback=_one_or_several,
+        help="Use only rows of this policy; give it again for several.",
+    ),
+    click.option(
+        "--episodes",
+        metavar="N,A-B,…",
+        callback=_numbers,
+        help="Use only the episodes with these numbers, such as 0-9,17.",
+    ),
+    click.option(
+        "--returns",
+        nargs=2,
+        type=float,
+        metavar="LOW HIGH",
+        help="Use only episodes with a return within these, both included; -inf and inf are no limits.",
+    ),
+)
+
+
+def selects(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options that choose episodes; it gets the selection in place of the folder."""
+
+    @wraps(command)
+    def chosen(folder: Path | str, **options: Any) -> Any:
+        from ibdata.dataset.reader import Dataset
+
+        conditions = {name: options.pop(name) for name in SELECTING}
+        return command(Dataset(folder).select(**conditions), **options)
+
+    for option in reversed(_selection_options):
+        chosen = option(chosen)
+    return chosen
+
+
 reward_option = click.option(
     "--reward",
     type=YAML,
     metavar="REWARD",
     default="classic",
     help="The reward: classic, delta, or weights such as '{consumption: 1, fatigue: 1}'.",
+)
+cost_option = click.option(
+    "--cost",
+    type=YAML,
+    metavar="COST",
+    help="A cost beside the reward: runaway, or '{fatigue: 60}' with a limit, and a budget: '{fatigue: 60, "
+    "budget: 25}'.",
 )
 workers_option = click.option(
     "--workers", type=int, metavar="N", help="Worker processes; default: chosen by the work."

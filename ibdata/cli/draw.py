@@ -1,10 +1,11 @@
 """Commands that draw: plot, figure, and card with its report."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from ibdata.cli._options import LOCAL, folder_argument, progress_option
+from ibdata.cli._options import LOCAL, folder_argument, progress_option, selects
 from ibdata.cli._printing import Printed, lines, prints_result
 from ibdata.cli._suggesting import Listing, summaries
 from ibdata.plots import DYNAMICS, FORMS, figure, names, plot, plots
@@ -14,6 +15,7 @@ from ibdata.plots import DYNAMICS, FORMS, figure, names, plot, plots
     "plot", cls=Listing, title="Pictures", entries=lambda: summaries("ibdata.plots.dataset", plots())
 )
 @folder_argument
+@selects
 @click.option(
     "--out", type=LOCAL, metavar="FOLDER", help="The folder for the files; default figures/<name of DIR>."
 )
@@ -24,15 +26,15 @@ from ibdata.plots import DYNAMICS, FORMS, figure, names, plot, plots
 @progress_option
 @prints_result
 def plot_command(
-    folder: Path, out: Path | None, form: str, overwrite: bool, progress: bool | None
+    selection: Any, out: Path | None, form: str, overwrite: bool, progress: bool | None
 ) -> Printed:
     """Draw all pictures of a dataset and print the names of the files.
 
     \b
     ibdata plot data/random
-    ibdata plot data/transfer --out pictures --format svg
+    ibdata plot data/transfer --split target --out pictures --format svg
     """
-    files = list(map(str, plot(folder, out, form, overwrite, progress)))
+    files = list(map(str, plot(selection, out, form, overwrite, progress)))
     return Printed({"files": files}, lines(files))
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from ibdata.cli._options import YAML, allow_code_option, policies, progress_option, reward_option
+from ibdata.cli._options import YAML, allow_code_option, cost_option, policies, progress_option, reward_option
 from ibdata.cli._printing import Result, prints_result
 
 
@@ -23,35 +23,32 @@ from ibdata.cli._printing import Result, prints_result
     "setpoints",
     type=YAML,
     multiple=True,
-    default=["70"],
     metavar="P",
     help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70.",
 )
-@click.option("--steps", type=int, default=100, show_default=True, help="Steps per episode.")
-@click.option("--discount", type=float, default=0.97, show_default=True, help="Discount factor, in [0, 1].")
-@click.option(
-    "--episodes", type=int, help="Episodes per policy and setpoint; default 100, or 200 with --against."
-)
+@click.option("--steps", type=int, metavar="N", help="Steps per episode; default 100.")
+@click.option("--discount", type=float, metavar="X", help="Discount factor, in [0, 1]; default 0.97.")
+@click.option("--episodes", type=int, metavar="N", help="Episodes per policy and setpoint; default 100.")
 @click.option(
     "--start",
     type=YAML,
-    default="default",
     metavar="S",
-    help="Start state: default, uniform, or '{burn_in: [15, 64]}'.",
+    help="Start state: default, uniform, or '{burn_in: [15, 64]}'; default: default.",
 )
 @click.option(
     "--dynamics",
     type=YAML,
-    default="siemens",
     metavar="D",
-    help="Dynamics: siemens, paper, or '{base: …, field: value}'.",
+    help="Dynamics: siemens, paper, or '{base: …, field: value}'; default siemens.",
 )
 @reward_option
-@click.option("--seed", type=int, default=0, metavar="N", help="Seed of the random numbers; default 0.")
+@cost_option
+@click.option("--seed", type=int, metavar="N", help="Seed of the random numbers; default 0.")
 @click.option(
     "--against",
     metavar="SET",
-    help="Compare with the shipped results of offline algorithms on an experiment such as optimized-40.",
+    help="Compare with the shipped results on an experiment such as optimized-40 or random, whose settings "
+    "are then the default ones.",
 )
 @allow_code_option
 @progress_option
@@ -61,6 +58,7 @@ def evaluate_command(
     more_policies: tuple[str, ...],
     setpoints: tuple[Any, ...],
     reward: Any,
+    cost: Any,
     **settings: Any,
 ) -> Result:
     """Simulate new episodes with policies and compare their returns.
@@ -72,12 +70,14 @@ def evaluate_command(
     ibdata evaluate safe random --steps 1000 --discount 1
     ibdata evaluate safe --setpoint 10 --setpoint 100
     ibdata evaluate '{kind: gaussian, base: {kind: bad}, scale: 0.1}'
+    ibdata evaluate safe expert --cost '{fatigue: 60, budget: 25}'
     ibdata evaluate safe --against optimized-40
+    ibdata evaluate safe --against random --start '{burn_in: [15, 64]}'
     """
     from ibdata.evaluation import evaluate
 
     named = [*policies, *more_policies]
     if not named:
         raise click.UsageError("Missing argument 'POLICY'; ibdata config policies lists the kinds.")
-    points = list(setpoints) if len(setpoints) > 1 else setpoints[0]
-    return evaluate(named, points, view={"reward": reward}, **settings)
+    points = list(setpoints) if len(setpoints) > 1 else next(iter(setpoints), None)
+    return evaluate(named, points, view={"reward": reward, "cost": cost}, **settings)

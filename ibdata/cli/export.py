@@ -5,12 +5,20 @@ from typing import Any
 
 import click
 
-from ibdata.cli._options import LOCAL, YAML, folder_argument, progress_option, reward_option, split_option
+from ibdata.cli._options import (
+    LOCAL,
+    YAML,
+    cost_option,
+    folder_argument,
+    progress_option,
+    reward_option,
+    selects,
+)
 from ibdata.cli._printing import Result, prints_result
 from ibdata.cli._suggesting import Listing, summaries
 from ibdata.exporters import FORMATS
 
-VIEW = ("observe", "actions", "reward", "reward_scale", "imperfections")
+VIEW = ("observe", "actions", "reward", "reward_scale", "imperfections", "cost")
 
 
 def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | list[str]:
@@ -27,7 +35,7 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
     help="The format; see below.",
 )
 @click.option("--out", required=True, type=LOCAL, metavar="PATH", help="The file or folder to write.")
-@split_option
+@selects
 @click.option(
     "--history",
     type=int,
@@ -44,6 +52,7 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
 )
 @click.option("--actions", is_flag=True, help="Observe the action of the step before too.")
 @reward_option
+@cost_option
 @click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
 @click.option(
     "--imperfections",
@@ -56,7 +65,7 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
 @click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
 @progress_option
 @prints_result
-def export_command(folder: Path, to: str, out: Path, **options: Any) -> Result:
+def export_command(selection: Any, to: str, out: Path, **options: Any) -> Result:
     """Write a dataset in the format of another library, and print the Python code that loads it.
 
     Every transition is kept, including the last of each episode with its next observation. (Only if --observe
@@ -66,9 +75,10 @@ def export_command(folder: Path, to: str, out: Path, **options: Any) -> Result:
     \b
     ibdata export data/random --to minari --out minari-datasets
     ibdata export data/transfer --to npz --out t.npz --split target --history 10
+    ibdata export data/random --to npz --out best.npz --returns -250000 inf
     ibdata export data/random --to csv --out m.csv --observe markov --reward delta
     """
     from ibdata.exporters import export
 
     view = {name: options.pop(name) for name in VIEW}
-    return export(folder, to, out, **options, view=view)
+    return export(selection, to, out, **options, view=view)

@@ -1,13 +1,19 @@
 """Commands that look at datasets: ls, info, head, stats."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from ibdata.cli._options import LOCAL, place_argument, split_option
+from ibdata.cli._options import LOCAL, place_argument, selects, split_option
 from ibdata.cli._printing import Printed, Result, prints_result
 from ibdata.cli._results import Description
 from ibdata.dataset.tabular import transposed
+
+if TYPE_CHECKING:
+    from ibdata.dataset.selection import Selection
 
 MAX_ROWS = 1_000_000
 
@@ -77,7 +83,7 @@ def head_command(
 
 @click.command("stats")
 @place_argument
-@split_option
+@selects
 @click.option(
     "--quality",
     "of_quality",
@@ -85,19 +91,17 @@ def head_command(
     help="Print measures of the quality of the data instead. They read all rows.",
 )
 @prints_result
-def stats_command(folder: Path | str, split: str | list[str] | None, of_quality: bool) -> Result:
+def stats_command(selection: Selection, of_quality: bool) -> Result:
     """Print mean, standard deviation, range and median of each column.
 
     \b
     ibdata stats data/random
     ibdata stats data/transfer --split target
-    ibdata stats data/random --quality
+    ibdata stats data/random --quality --returns -250000 inf
     """
     if of_quality:
         from ibdata.measures.quality import quality
 
-        measures = quality(folder, split)
+        measures = quality(selection)
         return Printed({"quality": measures.plain()}, measures)
-    from ibdata.dataset.reader import Dataset
-
-    return Dataset(folder).statistics(split)
+    return selection.statistics()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from numbers import Real
 from typing import Any
@@ -16,6 +17,8 @@ Columns = Sequence[str] | None
 Split = str | Sequence[str] | None
 Setpoint = float | Sequence[float] | npt.NDArray[Any] | None
 Policy = str | Sequence[str] | None
+Numbers = int | Sequence[int] | npt.NDArray[Any] | None  # of episodes
+Limits = tuple[float | None, float | None] | None  # the lowest and the highest; None where there is no limit
 MOST_NAMES = 40  # in a message
 
 
@@ -44,6 +47,15 @@ def _one_of(value: Any, known: Sequence[Any]) -> str:
 
 def _shown(value: Any) -> str:
     return exact(float(value)) if isinstance(value, Real) else repr(value)
+
+
+def limits_of(returns: tuple[float | None, float | None]) -> tuple[float, float]:
+    """The lowest and the highest return. Raises UsageError if the first is above the second."""
+    low, high = (*returns, math.nan)[:2]
+    low, high = -math.inf if low is None else low, math.inf if high is None else high
+    if len(returns) != 2 or not low <= high:
+        raise UsageError(f"returns: found {returns}, expected the lowest and the highest one")
+    return low, high
 
 
 def checked_length(length: int, name: str = "history") -> int:

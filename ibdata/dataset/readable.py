@@ -15,6 +15,8 @@ import pyarrow as pa
 from ibdata.arguments import public
 from ibdata.dataset.conditions import (
     Columns,
+    Limits,
+    Numbers,
     Policy,
     Setpoint,
     Split,
@@ -44,7 +46,15 @@ class Readable(ABC):
     stored: Stored
 
     @abstractmethod
-    def select(self, split: Split = None, *, setpoint: Setpoint = None, policy: Policy = None) -> Selection:
+    def select(
+        self,
+        split: Split = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+        episodes: Numbers = None,
+        returns: Limits = None,
+    ) -> Selection:
         """The episodes that meet all of these conditions, see `Dataset.select`."""
 
     @abstractmethod
@@ -106,9 +116,9 @@ class Readable(ABC):
             split: Only rows of this split, or of these.
             setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
             policy: Only rows of the policy with this label, or with these.
-            view: The options of a view, a mapping of some of observe, actions, reward, reward_scale and
-                imperfections (docs/views.md). The columns are then episode, step, those of the frame, the
-                actions, the reward, the flags, and `next_…` of the frame.
+            view: The options of a view, a mapping of some of observe, actions, reward, reward_scale,
+                imperfections and cost (docs/views.md). The columns are then episode, step, those of the
+                frame, the actions, the reward, the cost, the flags, and `next_…` of the frame.
 
         Raises:
             UsageError: The dataset has no such column, split, setpoint or policy, or no episode that meets
@@ -237,8 +247,9 @@ class Readable(ABC):
 
         Returns:
             observations and next_observations (N, 6 · history), actions (N, 3), rewards, terminated,
-            truncated, episode and step (N,), and the further columns by name. If the view observes values
-            that the dataset does not have after the last row of an episode, that row is left out.
+            truncated, episode and step (N,), and the further columns by name; costs (N,) if the view has a
+            cost. If the view observes values that the dataset does not have after the last row of an episode,
+            that row is left out.
 
         Raises:
             UsageError: An argument is invalid, or as in `table`.

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ibdata.arguments import public
-from ibdata.dataset.conditions import Policy, Setpoint, Split
+from ibdata.dataset.conditions import Limits, Numbers, Policy, Setpoint, Split
 from ibdata.dataset.readable import Readable
 from ibdata.dataset.selection import Selection
 from ibdata.dataset.splits import Splits
@@ -85,7 +85,15 @@ class Dataset(Readable):
         return Splits({name: entry.model_dump(include=keys) for name, entry in self.stored.splits.items()})
 
     @public
-    def select(self, split: Split = None, *, setpoint: Setpoint = None, policy: Policy = None) -> Selection:
+    def select(
+        self,
+        split: Split = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+        episodes: Numbers = None,
+        returns: Limits = None,
+    ) -> Selection:
         """The episodes that meet all of these conditions.
 
         Rows of the selection are read as those of the dataset: `ds.select("train").arrays()`. Functions that
@@ -95,11 +103,14 @@ class Dataset(Readable):
             split: In this split, or in one of these.
             setpoint: At this setpoint, or at one of these; moving ones count by their first value.
             policy: Of the policy with this label, or with one of these.
+            episodes: With this number, or with one of these, such as range(100).
+            returns: With an undiscounted return within (lowest, highest), both included; None for no limit.
 
         Raises:
-            UsageError: The dataset has no such split, setpoint or policy.
+            UsageError: The dataset has no such split, setpoint, policy or episode, or no limits are given.
         """
-        return Selection(self.stored).select(split, setpoint=setpoint, policy=policy)
+        everything = Selection(self.stored)
+        return everything.select(split, setpoint=setpoint, policy=policy, episodes=episodes, returns=returns)
 
 
 Place = Dataset | str | os.PathLike[str]

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ibdata.dataset.models import JsonObject
+from ibdata.dataset.models import Info, JsonObject
 
 FILE = Path(__file__).with_name("reference_returns.json")
 ZERO, HUNDRED, EXPERT = "random", "optimized", "expert"
@@ -22,7 +22,7 @@ SIGMAS = 5.0
 
 
 class Measured(NamedTuple):
-    """The measured returns of a policy at a setpoint."""
+    """The measured returns of a policy at a setpoint, or from the first value of a moving one."""
 
     policy: str
     setpoint: float
@@ -41,17 +41,19 @@ class Scale(JsonObject):
     steps: int
     discount: float
     episodes: int
+    drifting: bool = False  # whether the setpoints move; if so, those of the results are first values
     results: list[Measured]
 
     @property
     def text(self) -> str:
         """The meaning of a score."""
+        setpoint = "first value of the moving setpoint" if self.drifting else "setpoint"
         if isinstance(self.start, str):
             start = f"{self.start} start"
         else:
             start = "start after {} to {} random steps".format(*self.start["burn_in"])
         return (
-            f"0 = {ZERO}, 100 = {HUNDRED}, or {EXPERT} for the expert score, at the same setpoint: "
+            f"0 = {ZERO}, 100 = {HUNDRED}, or {EXPERT} for the expert score, at the same {setpoint}: "
             f"{self.dynamics} dynamics, {start}, {self.steps} steps, discount {self.discount:g}"
         )
 
@@ -94,8 +96,16 @@ def reference() -> Reference:
     return Reference.model_validate_json(FILE.read_bytes())
 
 
-def scale(dynamics: Any, start: Any, steps: int, discount: float) -> Scale | None:
-    """The scale for exactly these dynamics, start, steps and discount; None if there is none."""
-    key = (dynamics, start, steps, discount)
-    scales = (s for s in reference().scales if (s.dynamics, s.start, s.steps, s.discount) == key)
+def scale(dynamics: Any, start: Any, steps: int, discount: float, *, drifting: bool = False) -> Scale | None:
+    """The scale for exactly these dynamics, start, steps and discount; None if there is none.
+
+    Moving setpoints have scales of their own, since constant ones are other tasks.
+    """
+    key = (dynamics, start, steps, discount, drifting)
+    scales = (s for s in reference().scales if (s.dynamics, s.start, s.steps, s.discount, s.drifting) == key)
     return next(scales, None)
+
+
+def scale_of(info: Info, steps: int) -> Scale | None:
+    """The scale for the undiscounted returns of a dataset's episodes with this number of steps."""
+    return scale(info.dynamics, info.start, steps, 1.0, drifting=info.drifting)

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset import reference_returns
 from ibdata.dataset.models import Info
+from ibdata.dataset.reference_returns import scale_of
 from ibdata.numerics.confidence import estimate
 
 Ints = npt.NDArray[np.int64]
@@ -69,7 +69,7 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
     names = ("setpoint", "return", "length")
     setpoints, returns, lengths = (np.array(episodes[name].to_pylist()) for name in names)
     cells = np.array(episodes["cell"].to_pylist(), dtype=object)
-    scales = {steps: _scale(info, steps) for steps in np.unique(lengths).tolist()}
+    scales = {steps: scale_of(info, steps) for steps in np.unique(lengths).tolist()}
     results: list[Result] = []
     for places in _of_equal(cells, lengths):
         estimated, first = estimate([returns[places]]), places[0]
@@ -88,7 +88,9 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
                 "reference_score": scale.score(setpoint, estimated.mean) if scale else None,
             }
         )
-    return {"results": results, "scale": "; ".join(s.text for s in scales.values() if s) or None}
+    scored = {result["steps"] for result in results if result["reference_score"] is not None}
+    texts = [scale.text for steps, scale in scales.items() if scale and steps in scored]
+    return {"results": results, "scale": "; ".join(texts) or None}
 
 
 def _of_equal(cells: Objects, lengths: Ints) -> list[Ints]:
@@ -99,11 +101,6 @@ def _of_equal(cells: Objects, lengths: Ints) -> list[Ints]:
     for start, stop in pairwise(starts):  # a merged dataset may have several runs of a cell
         runs.setdefault((cells[start], int(lengths[start])), []).append(np.arange(start, stop))
     return [np.concatenate(parts) for parts in runs.values()]
-
-
-def _scale(info: Info, steps: int) -> reference_returns.Scale | None:
-    """The scale for episodes with this number of steps."""
-    return None if info.drifting else reference_returns.scale(info.dynamics, info.start, steps, 1.0)
 
 
 def averages(results: Sequence[Result]) -> list[Average]:

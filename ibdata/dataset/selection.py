@@ -1,4 +1,4 @@
-"""Episodes of a dataset that are to be read: of a split, at some setpoints, of some policies."""
+"""Episodes of a dataset that are to be read: of a split, at some setpoints, of some policies, and others."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.arguments import public
-from ibdata.dataset.conditions import Policy, Setpoint, Split, known_of
+from ibdata.dataset.conditions import (
+    Limits,
+    Numbers,
+    Policy,
+    Setpoint,
+    Split,
+    known_of,
+    limits_of,
+)
 from ibdata.dataset.models import Info
 from ibdata.dataset.readable import Readable
 from ibdata.dataset.splits import runs_of
@@ -20,6 +28,7 @@ from ibdata.dataset.transitions import Transitions, needed, transitions, whole_e
 from ibdata.dataset.viewed import BLOCK_ROWS
 from ibdata.errors import UsageError, printable
 from ibdata.numerics.naming import counted
+from ibdata.numerics.whole_numbers import within
 from ibdata.views.options import ViewOptions
 
 Runs = list[tuple[int, int]]
@@ -58,13 +67,23 @@ class Selection(Readable):
         return table if self.mask is None else table.filter(self.mask)
 
     @public
-    def select(self, split: Split = None, *, setpoint: Setpoint = None, policy: Policy = None) -> Selection:
+    def select(
+        self,
+        split: Split = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+        episodes: Numbers = None,
+        returns: Limits = None,
+    ) -> Selection:
         """Those of these episodes that meet further conditions, see `Dataset.select`."""
-        if split is None and setpoint is None and policy is None:
+        others = (setpoint, policy, episodes, returns)
+        has_others = any(condition is not None for condition in others)
+        if split is None and not has_others:
             return self
         splits = [] if split is None else known_splits(self.stored, split)
-        mask = self.inside & selected(self.stored, splits, setpoint, policy)
-        only = splits[0] if len(splits) == 1 and setpoint is None and policy is None else None
+        mask = self.inside & in_splits(self.stored, splits) & meeting(self.stored.episodes, *others)
+        only = splits[0] if len(splits) == 1 and not has_others else None
         is_declared = only is not None and self.mask is None and self.stored.splits[only].declared
         return Selection(self.stored, mask, only if is_declared else None)
 
@@ -72,7 +91,8 @@ class Selection(Readable):
         """Raise UsageError if there is no episode in it."""
         if self.mask is not None and not self.mask.any():
             raise UsageError(
-                "split, setpoint, policy: found no episode that meets all, expected at least one"
+                "split, setpoint, policy, episodes, returns: found no episode that meets all, "
+                "expected at least one"
             )
 
     def rows(self, columns: Sequence[str]) -> pa.Table:
@@ -115,24 +135,35 @@ class Selection(Readable):
         return sorted(rows_of(self.episode_table).items())
 
 
-def selected(stored: Stored, splits: Sequence[str], setpoint: Setpoint, policy: Policy) -> Mask:
-    """Whether each episode is in one of these splits, at a setpoint, and of a policy.
-
-    Raises UsageError if the dataset has no such setpoint or policy.
-    """
-    episodes = stored.episodes
-    mask = np.full(len(episodes), not splits)
+def in_splits(stored: Stored, splits: Sequence[str]) -> Mask:
+    """Whether each episode is in one of these splits; all are if there are none."""
+    mask = np.full(len(stored.episodes), not splits)
     for split in splits:
         for first, stop in runs_of(split, stored.splits[split], stored.manifest):
             mask[first:stop] = True
+    return mask
+
+
+def meeting(table: pa.Table, setpoint: Setpoint, policy: Policy, numbers: Numbers, returns: Limits) -> Mask:
+    """Whether each episode of a table meets all conditions that are not None.
+
+    Raises UsageError if the dataset has no such setpoint, policy or episode, or if the limits are invalid.
+    """
+    mask = np.ones(len(table), dtype=np.bool_)
     if setpoint is not None:
-        values = episodes["setpoint"].to_numpy()
+        values = table["setpoint"].to_numpy()
         mask &= np.isin(values, known_of("setpoint", setpoint, np.unique(values).tolist()))
     if policy is not None:
-        labels = episodes["policy"].combine_chunks()
+        labels = table["policy"].combine_chunks()
         names = labels.dictionary.to_pylist()
-        numbers = [names.index(name) for name in known_of("policy", policy, names)]
-        mask &= np.isin(labels.indices.to_numpy(), numbers)
+        places = [names.index(name) for name in known_of("policy", policy, names)]
+        mask &= np.isin(labels.indices.to_numpy(), places)
+    if numbers is not None:
+        mask &= np.isin(np.arange(len(table)), within("episodes", numbers, len(table)))
+    if returns is not None:
+        low, high = limits_of(returns)
+        values = table["return"].to_numpy()
+        mask &= (low <= values) & (values <= high)
     return mask
 
 

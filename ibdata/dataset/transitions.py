@@ -30,6 +30,7 @@ class Transitions(NamedTuple):
     next_frames: Array  # (n, k)
     actions: Array  # (n, 3)
     rewards: Array  # (n,)
+    costs: Array | None  # (n,) float32; None for a view without a cost
     terminated: Array  # (n,) bool
     truncated: Array  # (n,) bool
     episode: Array  # (n,) int64
@@ -61,21 +62,24 @@ def needed(info: Info, options: ViewOptions) -> list[str]:
     Raises UsageError if the view observes a column that the dataset does not have.
     """
     observed, known = options.columns(info.drifting), {column.name for column in info.columns}
-    for name in observed:
+    for name in (*observed, *_of_cost(options)):
         if name not in known:
+            option = "observe" if name in observed else "cost"
             raise UsageError(
-                f"observe: found {name}, expected columns of the dataset, which has no such values; "
+                f"{option}: found {name}, expected columns of the dataset, which has no such values; "
                 "choose others, or generate it with another output: latent"
             )
     costs = [] if options.reward.kind == "classic" else _costs("obs") + _costs("next_obs")
-    later = [f"next_{name}" for name in observed if f"next_{name}" in known]
-    return list(dict.fromkeys([*INDICES, *observed, *later, *ACTIONS, "reward", *costs]))
+    variables = _of_cost(options)
+    later = [f"next_{name}" for name in (*observed, *variables) if f"next_{name}" in known]
+    return list(dict.fromkeys([*INDICES, *observed, *variables, *later, *ACTIONS, "reward", *costs]))
 
 
 def left_out(info: Info, options: ViewOptions) -> bool:
-    """Whether the last row of each episode is left out, because its next frame is not in the dataset."""
+    """Whether the last row of each episode is left out: its next frame or cost is not in the dataset."""
     known = {column.name for column in info.columns}
-    return any(f"next_{name}" not in known for name in options.columns(info.drifting))
+    names = (*options.columns(info.drifting), *_of_cost(options))
+    return any(f"next_{name}" not in known for name in names)
 
 
 def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transitions:
@@ -87,7 +91,8 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     """
     index = {name: table[name].to_numpy() for name in INDICES}
     actions, rewards = stacked_columns(table, ACTIONS), _rewards(table, options)
-    frames, after = _observed(table, info, options)
+    frames, after = _now_and_after(table, options.columns(info.drifting))
+    costs = _costs_of(table, options)
     if not options.is_classic:
         frames, after, actions = (x.astype(np.float32, copy=False) for x in (frames, after, actions))
     if left_out(info, options):
@@ -102,8 +107,9 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     if len(kept) < len(frames):
         index = {name: array[kept] for name, array in index.items()}
         frames, after, actions, rewards = (x[kept] for x in (frames, after, actions, rewards))
+        costs = None if costs is None else costs[kept]
     flags = index["terminated"], index["truncated"]
-    return Transitions(frames, after, actions, rewards, *flags, index["episode"], index["step"], kept)
+    return Transitions(frames, after, actions, rewards, costs, *flags, index["episode"], index["step"], kept)
 
 
 def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
@@ -114,6 +120,7 @@ def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
         **dict(zip(names, block.frames.T, strict=True)),
         **dict(zip(ACTIONS, block.actions.T, strict=True)),
         "reward": block.rewards,
+        **({} if block.costs is None else {"cost": block.costs}),
         "terminated": block.terminated,
         "truncated": block.truncated,
         **{f"next_{name}": column for name, column in zip(names, block.next_frames.T, strict=True)},
@@ -124,6 +131,19 @@ def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
 def stacked_columns(table: pa.Table, names: Sequence[str]) -> Array:
     """Columns as an array (rows, columns)."""
     return np.stack([table[name].to_numpy() for name in names], axis=1)
+
+
+def _of_cost(options: ViewOptions) -> tuple[str, ...]:
+    """The columns of the next state from which the cost of a step follows."""
+    return () if options.cost is None else options.cost.variables
+
+
+def _costs_of(table: pa.Table, options: ViewOptions) -> Array | None:
+    """The costs (n,) of the steps, if the view has a cost."""
+    if options.cost is None:
+        return None
+    _, after = _now_and_after(table, options.cost.variables)
+    return options.cost.of(tuple(after.T))
 
 
 def _costs(prefix: str) -> list[str]:
@@ -141,9 +161,9 @@ def _rewards(table: pa.Table, options: ViewOptions) -> Array:
     return options.reward.of(before, after, options.reward_scale)
 
 
-def _observed(table: pa.Table, info: Info, options: ViewOptions) -> tuple[Array, Array]:
-    """The true values of the observed columns, now and at the next step, (n, columns) each."""
-    names, known = options.columns(info.drifting), set(table.column_names)
+def _now_and_after(table: pa.Table, names: Sequence[str]) -> tuple[Array, Array]:
+    """The true values of columns, now and at the next step, (n, columns) each."""
+    known = set(table.column_names)
     now = stacked_columns(table, names)
     after = np.empty_like(now)
     for i, name in enumerate(names):

@@ -34,6 +34,7 @@ def arrays_of(
         "observations": observations,
         "actions": block.actions,
         "rewards": block.rewards,
+        **({} if block.costs is None else {"costs": block.costs}),
         "next_observations": after,
         "episode": block.episode,
         "step": block.step,
@@ -72,7 +73,9 @@ def windows_of(
     lengths = episodes["length"].to_numpy()
     kept = np.maximum(lengths - left_out(info, options), 0)
     frame = options.frame(info.drifting)
-    sizes = Sizes(episodes=int(np.count_nonzero(kept)), rows=int(kept.sum()), frame=len(frame))
+    rows = int(kept.sum())
+    costs = 0 if options.cost is None else rows
+    sizes = Sizes(episodes=int(np.count_nonzero(kept)), rows=rows, frame=len(frame), costs=costs)
     count = int((lengths - kept).sum())
     if folder is None or not sizes.rows:  # nothing to keep in files
         return Windows(in_memory(sizes, blocks), frame, history, drop, count)

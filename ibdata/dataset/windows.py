@@ -25,11 +25,12 @@ PATIENCE = 3600.0  # seconds to wait for another process that makes the same fol
 
 
 class Sizes(NamedTuple):
-    """The numbers of episodes, of transitions, and of values in a frame."""
+    """The numbers of episodes, of transitions, of values in a frame, and of costs: all rows or none."""
 
     episodes: int
     rows: int
     frame: int
+    costs: int
 
 
 class WindowFolder(NamedTuple):
@@ -53,10 +54,12 @@ class WindowData(NamedTuple):
     terminated: npt.NDArray[np.bool_]  # (N,)
     truncated: npt.NDArray[np.bool_]  # (N,)
     lengths: npt.NDArray[np.int64]  # (E,)
+    costs: Float32s  # (N,), or (0,) for a view without a cost
 
     def fill(self, blocks: Iterable[Transitions]) -> None:
         """Copy the transitions of whole episodes, in order."""
         row = episode = 0
+        columns = ["actions", "rewards", "terminated", "truncated", *(["costs"] if len(self.costs) else [])]
         for block in blocks:
             starts = np.flatnonzero(block.step == 0)
             for start, length in zip(starts, np.diff(starts, append=len(block.step)), strict=True):
@@ -65,7 +68,7 @@ class WindowData(NamedTuple):
                 self.frames[place - length + 1 : place + 1] = block.frames[start:stop][::-1]
                 self.frames[place - length] = block.next_frames[stop - 1]
                 self.lengths[episode] = length
-                for name in ("actions", "rewards", "terminated", "truncated"):
+                for name in columns:
                     getattr(self, name)[row : row + length] = getattr(block, name)[start:stop]
                 row, episode = row + length, episode + 1
 
@@ -145,7 +148,7 @@ def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iter
 
 def _forms(sizes: Sizes) -> list[tuple[Any, Any]]:
     """The shape and the type of each array of `WindowData`."""
-    episodes, rows, frame = sizes
+    episodes, rows, frame, costs = sizes
     return [
         ((rows + episodes, frame), np.float32),
         ((rows, 3), np.float32),
@@ -153,6 +156,7 @@ def _forms(sizes: Sizes) -> list[tuple[Any, Any]]:
         ((rows,), np.bool_),
         ((rows,), np.bool_),
         ((episodes,), np.int64),
+        ((costs,), np.float32),
     ]
 
 
@@ -241,7 +245,8 @@ class Windows:
 
         Returns:
             observations and next_observations (n, k · history), newest first, actions (n, 3), and rewards,
-            terminated and truncated (n,). They are copies; the two observations share memory.
+            terminated, truncated and, if the view has a cost, costs (n,). They are copies; the two
+            observations share memory.
 
         Raises:
             IndexError: a number is out of range, or these are neither whole numbers nor a mask.
@@ -257,6 +262,7 @@ class Windows:
             "observations": gathered[:, k:],
             "actions": stored.actions[rows],
             "rewards": stored.rewards[rows],
+            **({"costs": stored.costs[rows]} if len(stored.costs) else {}),
             "next_observations": gathered[:, : k * self.history],
             "terminated": stored.terminated[rows],
             "truncated": stored.truncated[rows],

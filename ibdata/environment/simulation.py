@@ -22,7 +22,7 @@ from ibdata.simulation import kernel
 from ibdata.simulation.carry import Carry, begin_lanes
 from ibdata.simulation.episodes import Draw
 from ibdata.simulation.variables import hidden, observed_rows, record_rows, values_of
-from ibdata.variables import FIRST_WHOLE, ROWS, VARIABLES
+from ibdata.variables import FIRST_WHOLE, ROWS, VARIABLES, variable_of
 from ibdata.views.rewards import scaled
 from ibdata.views.window import Window
 
@@ -52,6 +52,7 @@ class Simulation:
         imperfect = view.imperfections.columns
         self._clean = {f"clean_{c}": i for i, c in enumerate(view.columns(drifting)) if c in imperfect}
         self._latent = {f"latent_{name}": ROWS.index(name) for name in hidden(drifting)}
+        self._of_cost = record_rows([] if view.cost is None else list(map(variable_of, view.cost.variables)))
 
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes (k,): the start, the zero-action step, the burn-in."""
@@ -90,17 +91,25 @@ class Simulation:
     def info(self) -> dict[str, npt.NDArray[Any]]:
         """What the agent is not meant to see by name, arrays (n,), new ones each time.
 
-        These are the hidden part of the Markov state and the true values of imperfect measurements.
+        These are the hidden part of the Markov state, the true values of imperfect measurements, and the cost
+        of the state.
         """
         values = self.carry.state.values
         latent = {
             column: values[row].astype(np.int64) if row >= FIRST_WHOLE else values[row].copy()
             for column, row in self._latent.items()
         }
-        if not self._clean:
-            return latent
-        observed = self._true_values()
-        return {**latent, **{name: observed[:, i].copy() for name, i in self._clean.items()}}
+        return {**latent, **self._beside()}
+
+    def _beside(self) -> dict[str, npt.NDArray[Any]]:
+        """What a view adds to the hidden state by name, arrays (n,)."""
+        cost, values = self.settings.view.cost, {}
+        if self._clean:
+            observed = self._true_values()
+            values = {name: observed[:, i].copy() for name, i in self._clean.items()}
+        if cost is not None:
+            values["cost"] = cost.of(tuple(values_of(self.carry.state, self._of_cost).T)).astype(np.float64)
+        return values
 
     def _numbers(self, which: Indices, draw: Draw) -> Indices:
         """Numbers of new episodes (k,): parts of the addresses of the imperfections' random numbers."""
@@ -163,7 +172,8 @@ class Lane(Simulation):
         drifting, view = settings.world.drifting, settings.view
         self.draws = DYNAMICS_SLOTS + DRIFT_SLOTS * drifting  # random integers of a step
         self._parameters = settings.world.parameters
-        self._plain = view.is_classic and view.reward.kind == "classic" and view.reward_scale == 1
+        is_rewarded_plainly = view.reward.kind == "classic" and view.reward_scale == 1
+        self._plain = view.is_classic and is_rewarded_plainly and view.cost is None
         names = (*hidden(drifting), "reward")
         self._rows, self._out = record_rows(names), np.zeros(len(names))
         self._types = "".join("q" if VARIABLES[name].whole else "d" for name in names)
@@ -180,9 +190,8 @@ class Lane(Simulation):
         if self._plain:
             return carry.observations.ravel().copy(), numbers[-1], info
         if self._window is not None:
-            true = self._true_values()
-            self._window.push(self.everyone, true, applied([action]))
-            info |= {name: true[0, i].item() for name, i in self._clean.items()}
+            self._window.push(self.everyone, self._true_values(), applied([action]))
+        info |= {name: values[0].item() for name, values in self._beside().items()}
         [reward] = self._rewards(carry.state.reward, before, self._costs(carry)).tolist()
         return self.observations()[0], reward, info
 

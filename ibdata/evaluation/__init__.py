@@ -7,7 +7,7 @@ from typing import Any
 
 from ibdata.arguments import public
 from ibdata.errors import UsageError
-from ibdata.evaluation.baselines import SETTINGS, baselines_of, compared
+from ibdata.evaluation.baselines import Against, baselines_of
 from ibdata.evaluation.play import checked_discount, play
 from ibdata.evaluation.policies import policies_of
 from ibdata.evaluation.results import SCALE, differences_of, notes, results_of, scores, with_references
@@ -22,19 +22,21 @@ from ibdata.system.progress import bar
 from ibdata.views.options import View, view_of
 
 RETURN_BYTES = 16  # least memory per episode, for two sums
+DEFAULTS: dict[str, Any] = {"setpoint": 70.0, "start": "default", "dynamics": "siemens"}
+DEFAULTS |= {"steps": 100, "discount": 0.97, "episodes": 100, "seed": 0}
 
 
 @public
 def evaluate(
     policy: Any,
-    setpoint: float | Sequence[float] | str | dict[str, Any] = 70.0,
+    setpoint: float | Sequence[float] | str | dict[str, Any] | None = None,
     *,
-    steps: int = 100,
-    discount: float = 0.97,
+    steps: int | None = None,
+    discount: float | None = None,
     episodes: int | None = None,
-    start: Any = "default",
-    dynamics: Any = "siemens",
-    seed: int = 0,
+    start: Any = None,
+    dynamics: Any = None,
+    seed: int | None = None,
     history: int | Mapping[str, int] = 1,
     allow_code: bool = False,
     against: str | None = None,
@@ -56,19 +58,20 @@ def evaluate(
             remember and draw as a custom policy may (docs/custom-policies.md).
         setpoint: one or several numbers, by default 70; "drifting", or {"drifting": [50, 70]} for
             the values at the start.
-        steps: steps per episode.
-        discount: the discount factor, in [0, 1].
-        episodes: episodes per policy and setpoint, by default 100, or 200 with `against`.
-        start: the start state, as in an experiment.
-        dynamics: the dynamics, as in an experiment.
-        seed: the seed of all random numbers.
+        steps: steps per episode, by default 100.
+        discount: the discount factor, in [0, 1], by default 0.97.
+        episodes: episodes per policy and setpoint, by default 100.
+        start: the start state, as in an experiment; by default "default".
+        dynamics: the dynamics, as in an experiment; by default "siemens".
+        seed: the seed of all random numbers, by default 0.
         history: the number of observations that an object sees, if it has no attribute `needs`:
             one number for all, or a mapping of labels to numbers; labels that it lacks get 1.
         allow_code: whether a custom policy that a file names may run.
-        against: a shipped experiment, such as "optimized-40": its baselines (docs/baselines.md) are compared
-            with the policies. The other arguments but `policy` must be the default ones.
+        against: a shipped experiment, such as "optimized-40" or "random": its baselines (docs/baselines.md,
+            docs/prototypes.md) are compared with the policies. The settings above are then those of the
+            set's first evaluation that agrees with the given ones.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
-        view: what objects see, and the reward, as the options of a view (docs/views.md), without
+        view: what objects see, the reward, and a cost, as the options of a view (docs/views.md), without
             `reward_scale`. Policies of other kinds always see the six observed variables; there are scores
             only for the classic reward.
 
@@ -79,7 +82,6 @@ def evaluate(
         UsageError, ConfigError: an argument is invalid.
         PolicyError: a policy failed, or returned no valid action.
     """
-    discount = checked_discount(discount)
     policies = policies_of(policy, history, allow_code)
     if not policies:
         raise UsageError("policy: found no policy, expected at least one")
@@ -91,36 +93,38 @@ def evaluate(
             "view: found one, but no object that could see it: policies of ibdata see the six observed "
             "variables; leave it out, or give a function, a module or an object"
         )
-    if episodes is None:
-        episodes = 100 if against is None else SETTINGS["episodes"]
     classic = options.reward.kind == "classic"
-    scenario = scenario_of(
-        setpoint=setpoint, steps=steps, episodes=episodes, start=start, dynamics=dynamics, seed=seed
-    )
+    choices = {"setpoint": setpoint, "steps": steps, "discount": discount, "episodes": episodes}
+    choices |= {"start": start, "dynamics": dynamics, "seed": seed}
+    chosen = {name: value for name, value in choices.items() if value is not None}
+    baselines = Against(DEFAULTS, []) if against is None else baselines_of(against, chosen, options)
+    settings = {**baselines.settings, **chosen}
+    discount = checked_discount(settings.pop("discount"))
+    scenario = scenario_of(**settings)
     played: list[Policy] = [*policies.values()]
     references: list[int] = []
     if classic:
         played, references = with_references(played, scenario.base)
-    baselines = [] if against is None else baselines_of(against, scenario, discount, options)
     names = [*policies, *(policy.label for policy in played[len(policies) :])]
     cells = scenario.cells(zip(names, played, strict=True))
     refuse_too_much("episodes", RETURN_BYTES * len(cells) * scenario.episodes)
     with bar(progress, len(cells) * scenario.episodes * scenario.steps, "steps") as advance:
         everything = play(scenario, cells, discount, advance, options)
 
+    budget = None if options.cost is None else options.cost.budget
     labels, of_policies = list(policies), everything.first(len(policies))
     points = scenario.points
     scored = scores(of_policies.discounted, everything.discounted[references])
-    all_notes = list(notes(scenario.episodes, points, scored[0], classic))
+    all_notes = [*baselines.notes(), *notes(scenario.episodes, points, scored[0], classic)]
     for (label, policy), notes_of_policy in zip(policies.items(), of_policies.notes, strict=True):
         all_notes += [f"{label}: {note}" for note in (*notes_of_policy, *other_dynamics(policy, scenario))]
     return Evaluation(
-        results_of(labels, points, of_policies, scored, scenario.steps),
+        results_of(labels, points, of_policies, scored, scenario.steps, budget),
         differences_of(labels, points, of_policies.discounted),
         SCALE if any(score.score is not None for score in scored[0]) else None,
         of_policies.discounted,
         scenario.steps,
         discount,
         all_notes,
-        compared(baselines, labels, of_policies.discounted[:, 0]),
+        baselines.compared(labels, of_policies.discounted),
     )

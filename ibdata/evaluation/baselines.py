@@ -1,136 +1,182 @@
 """Results of offline algorithms on shipped experiments, and how an evaluation compares with them.
 
-`studies/baselines` makes the results.
+`studies/baselines` and `studies/prototypes` make the results.
 """
 
 from __future__ import annotations
 
 import base64
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.dataset.models import JsonObject, Sha256
-from ibdata.numerics.confidence import estimate
-
-if TYPE_CHECKING:
-    import pandas as pd
-from typing import NamedTuple
-
 from ibdata.errors import UsageError, suggestion
-from ibdata.experiment.scenario import Scenario
+from ibdata.experiment.scenario import scenario_of
+from ibdata.numerics.confidence import estimate
 from ibdata.numerics.naming import exact
 from ibdata.views.options import ViewOptions
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Floats = npt.NDArray[np.float64]
 FILE = Path(__file__).with_name("baselines.jsonl")
+PROTOTYPES = FILE.with_name("prototypes.jsonl")
 PUBLISHED = FILE.with_name("published.csv")  # a row per set, a column per algorithm
 BEHAVIOUR = "behaviour"
-# The literature's evaluation (Hein et al., 2021 and later): these episodes, the same for all results.
-SETTINGS: dict[str, Any] = {
-    "setpoint": 70.0,
-    "steps": 100,
-    "discount": 0.97,
-    "episodes": 200,
-    "start": "default",
-    "dynamics": "siemens",
-    "seed": 0,
-}
+WHOLE, NOTHING = "whole set", "nothing"  # parts of a set, on which a policy is trained
 
 
-class Baseline(JsonObject):
-    """A line of the file: a policy learned from the dataset of a shipped experiment, or its behaviour.
+class Evaluated(JsonObject):
+    """The returns of a policy in the episodes that `ibdata.evaluate` plays with these settings.
 
     `mean_return`, `standard_error` and `p10` are those of `returns`, which are None if the policy failed.
     """
 
-    set: str  # the name of the shipped experiment
-    algorithm: str
-    seed: int | None  # of the training; None for the behaviour
+    setpoint: Any  # as in an experiment
+    start: Any
+    dynamics: str
+    steps: int
+    discount: float
+    episodes: int  # at each setpoint
+    seed: int
     mean_return: float | None
     standard_error: float | None
     p10: float | None
     failure: str | None = None
+    returns: str | None  # (setpoints, episodes): base64 of little-endian float32
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The arguments of `evaluate`."""
+        return {name: getattr(self, name) for name in SETTINGS}
+
+    @property
+    def values(self) -> Floats | None:
+        """The returns (setpoints, episodes)."""
+        if self.returns is None:
+            return None
+        values = np.frombuffer(base64.b64decode(self.returns), "<f4").astype(np.float64)
+        return values.reshape(-1, self.episodes)
+
+
+SETTINGS = ("setpoint", "start", "dynamics", "steps", "discount", "episodes", "seed")
+
+
+class ModelErrors(JsonObject):
+    """Root mean square errors of a model of the dynamics after some steps, and those of the noise floor."""
+
+    setpoint: float
+    steps: int
+    fatigue: float
+    consumption: float
+    floor_fatigue: float
+    floor_consumption: float
+
+
+class Baseline(JsonObject):
+    """A line of a file: a policy learned from the data of a shipped experiment, or one that is known.
+
+    `trained_on` says which part of the data: "10 episodes each", at each setpoint, or "2 at 75".
+    """
+
+    set: str  # the name of the shipped experiment
+    trained_on: str
+    algorithm: str
+    seed: int | None  # of the training; None for a policy that is not trained
+    evaluations: list[Evaluated]
+    model_errors: list[ModelErrors] | None = None  # of the model of the dynamics, if one is scored
     training_steps: int
     seconds: float  # of training
     cpu_seconds: float
-    content_root: Sha256
+    content_root: Sha256 | None  # of the dataset
     hyperparameters: dict[str, Any]
     versions: dict[str, str]
-    returns: str | None  # of the shared episodes in their order: base64 of little-endian float32
 
     @property
-    def key(self) -> tuple[str, str, int | None]:
-        """The set, the algorithm and the seed."""
-        return self.set, self.algorithm, self.seed
+    def key(self) -> tuple[str, str, str, int | None]:
+        """The set, the data, the algorithm and the seed."""
+        return self.set, self.trained_on, self.algorithm, self.seed
 
     @property
     def label(self) -> str:
         """The algorithm and the seed."""
         return self.algorithm if self.seed is None else f"{self.algorithm} seed {self.seed}"
 
-    @property
-    def values(self) -> Floats | None:
-        """The returns (episodes,)."""
-        if self.returns is None:
-            return None
-        return np.frombuffer(base64.b64decode(self.returns), "<f4").astype(np.float64)
 
-
-def measured(returns: Floats | None) -> dict[str, Any]:
-    """The fields of a baseline that its returns give, after rounding to float32."""
+def measured(settings: Mapping[str, Any], returns: Floats | None, failure: str | None = None) -> Evaluated:
+    """The returns (setpoints, episodes) in an evaluation, rounded to float32; None if the policy failed."""
     if returns is None:
-        return dict.fromkeys(("mean_return", "standard_error", "p10", "returns"))
+        return Evaluated(
+            **settings, mean_return=None, standard_error=None, p10=None, failure=failure, returns=None
+        )
     kept = returns.astype("<f4")
     values = kept.astype(np.float64)
-    mean, error, _ = estimate([values])
-    return {
-        "mean_return": mean,
-        "standard_error": error,
-        "p10": float(np.quantile(values, 0.1)),
-        "returns": base64.b64encode(kept.tobytes()).decode(),
-    }
+    mean, error, _ = estimate(list(values))
+    return Evaluated(
+        **settings,
+        mean_return=mean,
+        standard_error=error,
+        p10=float(np.quantile(values, 0.1)),
+        returns=base64.b64encode(kept.tobytes()).decode(),
+    )
 
 
-def shipped_baselines(file: Path = FILE) -> list[Baseline]:
-    """The lines of a file, in its order."""
-    if not file.exists():
-        return []
-    return [Baseline.model_validate_json(line) for line in file.read_text(encoding="utf-8").splitlines()]
+def shipped_baselines(files: Sequence[Path] = (FILE, PROTOTYPES)) -> list[Baseline]:
+    """The lines of some files, in their order."""
+    lines = [
+        line for file in files if file.exists() for line in file.read_text(encoding="utf-8").splitlines()
+    ]
+    return [Baseline.model_validate_json(line) for line in lines]
 
 
 @public
 def baselines(published: bool = False) -> pd.DataFrame:
-    """Results of offline algorithms on shipped experiments: one row per set, algorithm and seed.
+    """Results of offline algorithms on shipped experiments: one row per run and evaluation.
 
-    The rows whose algorithm is "behaviour" are those of the policies that made the sets. All policies were
-    evaluated in the same 200 episodes: `ibdata.evaluate(policy, episodes=200)` plays them too, so that its
-    returns and those here can be compared episode by episode. docs/baselines.md describes the training.
+    Rows whose algorithm is "behaviour" are those of the policies that made a set, and rows whose `trained_on`
+    is "nothing" those of other known policies. All policies of a set were evaluated in the same episodes:
+    `ibdata.evaluate(policy, against=set)` plays them too, so that its returns and those here can be compared
+    episode by episode. docs/baselines.md and docs/prototypes.md describe the training.
 
     Args:
         published: give the literature's results on `siemens-offline` instead, beside those of this training.
 
     Returns:
-        A DataFrame with the columns `set`, `algorithm`, `seed` (missing for the behaviour), `mean_return`,
-        `standard_error` and `p10` (discounted and unscaled; missing where the policy failed), `failure` (the
-        reason), `training_steps`, `seconds` and `cpu_seconds` of training, `content_root` of the dataset,
-        `hyperparameters` and `versions` (a dict each) and `returns` (an array (200,) each). With `published`,
-        one row per set and algorithm: `set`, `algorithm`, `published_p10`, `p10` (the mean of the seeds here,
-        missing where none was trained) and `difference`, the second less the first.
+        A DataFrame with the columns `set`, `trained_on` (the part of the set), `algorithm`, `seed` (missing
+        for policies that are not trained); the settings `setpoint`, `start`, `dynamics`, `steps`, `discount`,
+        `episodes` of the evaluation; `mean_return`, `standard_error` and `p10` (unscaled; missing where the
+        policy failed), `failure` (the reason), `returns` (an array (setpoints, episodes) each);
+        `training_steps`, `seconds` and `cpu_seconds` of training, `content_root` of the dataset,
+        `hyperparameters` and `versions` (a dict each). With `published`, one row per set and algorithm:
+        `set`, `algorithm`, `published_p10`, `p10` (the mean of the seeds here, missing where none was
+        trained) and `difference`, the second less the first.
     """
     return _beside_published() if published else _trained()
+
+
+RUN = ("set", "trained_on", "algorithm", "seed")
+TRAINING = ("training_steps", "seconds", "cpu_seconds", "content_root", "hyperparameters", "versions")
+RESULT = ("mean_return", "standard_error", "p10", "failure")
 
 
 def _trained() -> pd.DataFrame:
     import pandas as pd
 
-    lines = shipped_baselines()
-    frame = pd.DataFrame([dict(line) for line in lines], columns=list(Baseline.model_fields))
-    frame["returns"] = pd.Series([line.values for line in lines], dtype=object)
-    return frame.astype(
+    rows = [
+        {name: getattr(line, name) for name in RUN}
+        | {name: getattr(evaluated, name) for name in (*SETTINGS[:-1], *RESULT)}
+        | {"returns": evaluated.values}
+        | {name: getattr(line, name) for name in TRAINING}
+        for line in shipped_baselines()
+        for evaluated in line.evaluations
+    ]
+    return pd.DataFrame(rows).astype(
         {"seed": "Int64", "mean_return": "float64", "standard_error": "float64", "p10": "float64"}
     )
 
@@ -147,14 +193,15 @@ def _beside_published() -> pd.DataFrame:
 
 
 class Comparison(NamedTuple):
-    """A policy against those that an algorithm learned from a set, or the set's behaviour.
+    """A policy against those that an algorithm learned from data of a set, or against a known one.
 
     `mean_return` is over the seeds whose policy did not fail, `lowest` and `highest` are the mean returns of
-    single seeds; all are discounted and unscaled. `mean_difference` is the return of `policy` minus the mean
-    over the seeds, paired by episodes; its errors are those of the episodes, for these trained policies.
+    single seeds; all are unscaled. `mean_difference` is the return of `policy` minus the mean over the seeds,
+    paired by episodes; its errors are those of the episodes, for these trained policies.
     """
 
     set: str
+    trained_on: str
     algorithm: str
     seeds: int
     mean_return: float | None
@@ -166,66 +213,105 @@ class Comparison(NamedTuple):
     interval: tuple[float, float] | None
 
 
-def baselines_of(name: str, scenario: Scenario, discount: float, view: ViewOptions) -> list[Baseline]:
-    """The shipped baselines of a set, given with or without its suite.
+class Against(NamedTuple):
+    """The baselines of a set that were evaluated with some settings."""
 
-    Raises UsageError if there are none, or if they were not evaluated in the episodes of this scenario.
+    settings: dict[str, Any]
+    lines: list[Baseline]
+
+    def notes(self) -> Iterator[str]:
+        """The settings of the evaluation, as a line."""
+        for name in dict.fromkeys(line.set for line in self.lines):
+            yield f"against {name}: {_text(_forms(self.settings))}"
+
+    def compared(self, labels: Sequence[str], returns: Floats) -> list[Comparison]:
+        """Compare policies, by their returns (policies, setpoints, episodes), with each algorithm."""
+        groups: dict[tuple[str, str], list[Baseline]] = {}
+        for line in self.lines:
+            groups.setdefault((line.trained_on, line.algorithm), []).append(line)
+        return [
+            self._comparison(group, label, of_policy)
+            for label, of_policy in zip(labels, returns, strict=True)
+            for group in groups.values()
+        ]
+
+    def _comparison(self, lines: Sequence[Baseline], policy: str, returns: Floats) -> Comparison:
+        """Compare a policy with the runs of one algorithm on the same data."""
+        run = (lines[0].set, lines[0].trained_on, lines[0].algorithm)
+        evaluations = [e for line in lines for e in line.evaluations if e.settings == self.settings]
+        values = [e.values for e in evaluations if e.values is not None]
+        if not values:
+            return Comparison(*run, 0, None, None, None, policy, None, None, None)
+        means = [float(of_seed.mean()) for of_seed in values]
+        mean, difference = sum(means) / len(means), estimate(list(returns - np.mean(values, axis=0)))
+        return Comparison(*run, len(values), mean, min(means), max(means), policy, *difference)
+
+
+def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Against:
+    """The shipped baselines of a set, given with or without its suite, in the first evaluation that agrees.
+
+    Raises UsageError if there are none, or if no evaluation of the set has the chosen settings.
     """
     lines = shipped_baselines()
-    sets = list(dict.fromkeys(line.set for line in lines))
-    last = [path.partition("/")[2] for path in sets]
-    short = {path: end if last.count(end) == 1 else path for path, end in zip(sets, last, strict=True)}
-    chosen = next((path for path in sets if name in (path, short[path])), None)
-    if chosen is None:
+    short = short_names(list(dict.fromkeys(line.set for line in lines)))
+    path = next((path for path, end in short.items() if name in (path, end)), None)
+    if path is None:
         known = ", ".join(short.values())
         raise UsageError(
             f"--against: found {name!r}, expected one of {known}{suggestion(name, short.values())}"
         )
     if view.reward.kind != "classic":
         raise UsageError(f"--reward: found {view.reward.kind}, expected classic: --against compares with it")
-    _refuse_other_episodes(scenario, discount)
-    return [line for line in lines if line.set == chosen]
+    of_set = [line for line in lines if line.set == path]
+    settings = _agreeing(name, [e.settings for line in of_set for e in line.evaluations], chosen)
+    return Against(settings, [x for x in of_set if any(e.settings == settings for e in x.evaluations)])
 
 
-def compared(lines: list[Baseline], labels: list[str], returns: Floats) -> list[Comparison]:
-    """Compare policies, by their returns (policies, episodes), with each algorithm in the lines of a set."""
-    algorithms = dict.fromkeys(line.algorithm for line in lines)
-    return [
-        _comparison([line for line in lines if line.algorithm == algorithm], label, of_policy)
-        for label, of_policy in zip(labels, returns, strict=True)
-        for algorithm in algorithms
-    ]
+def short_names(sets: Sequence[str]) -> dict[str, str]:
+    """The names of sets without their suite, where that leaves no doubt."""
+    ends = [path.rpartition("/")[2] for path in sets]
+    return {path: end if ends.count(end) == 1 else path for path, end in zip(sets, ends, strict=True)}
 
 
-def _comparison(lines: list[Baseline], policy: str, returns: Floats) -> Comparison:
-    """Compare a policy with one algorithm, whose seeds have these lines."""
-    name, algorithm = lines[0].set, lines[0].algorithm
-    values = [line.values for line in lines if line.values is not None]
-    if not values:
-        return Comparison(name, algorithm, 0, None, None, None, policy, None, None, None)
-    means = [float(of_seed.mean()) for of_seed in values]
-    mean, difference = sum(means) / len(means), estimate([returns - np.mean(values, axis=0)])
-    return Comparison(name, algorithm, len(values), mean, min(means), max(means), policy, *difference)
+def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[str, Any]) -> dict[str, Any]:
+    """The first settings that agree with the chosen ones. Raises UsageError if there are none."""
+    nearest: dict[str, Any] = {}
+    for settings in evaluations:
+        expected = _forms(settings)
+        asked = _forms({**settings, **chosen})
+        differing = {key: value for key, value in asked.items() if value != expected[key]}
+        if not differing:
+            return settings
+        if not nearest or len(differing) < len(nearest["found"]):
+            nearest = {"found": differing, "expected": expected}
+    key, value = next(iter(nearest["found"].items()))
+    raise UsageError(
+        f"--{key}: found {_shown(value)}, expected {_shown(nearest['expected'][key])}: --against {name} "
+        f"compares with the returns of {_text(nearest['expected'])}"
+    )
 
 
-def _refuse_other_episodes(scenario: Scenario, discount: float) -> None:
+def _forms(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings in one form each, so that equal ones are equal."""
+    settings = dict(settings)
+    discount = settings.pop("discount")
+    scenario = scenario_of(**settings)
     [point, *others] = scenario.points
-    settings = {
-        "setpoint": "drifting" if scenario.drifting else scenario.points if others else point,
+    points = scenario.points if others else point
+    return {
+        "setpoint": {"drifting": points} if scenario.drifting else points,
+        "start": scenario.start_form,
+        "dynamics": scenario.dynamics,
         "steps": scenario.steps,
         "discount": discount,
         "episodes": scenario.episodes,
-        "start": scenario.start_form,
-        "dynamics": scenario.dynamics,
         "seed": scenario.seed,
     }
-    for name, expected in SETTINGS.items():
-        if settings[name] != expected:
-            every = ", ".join(f"{key} {_shown(value)}" for key, value in SETTINGS.items())
-            raise UsageError(
-                f"--{name}: found {_shown(settings[name])}, expected {_shown(expected)}: --against compares "
-                f"with the returns of {every}"
-            )
+
+
+def _text(settings: Mapping[str, Any]) -> str:
+    """Settings in a line."""
+    return ", ".join(f"{name} {_shown(value)}" for name, value in settings.items())
 
 
 def _shown(value: object) -> str:

@@ -21,6 +21,7 @@ from ibdata.simulation.episodes import Episodes, Ints
 from ibdata.simulation.unroll import LANES, Block, unroll
 from ibdata.simulation.variables import observed_rows, record_rows, values_of
 from ibdata.system.progress import Advance, unseen
+from ibdata.variables import variable_of
 from ibdata.views.options import PLAIN, ViewOptions
 from ibdata.views.rewards import COSTS
 from ibdata.views.window import Window
@@ -33,6 +34,7 @@ class Played(NamedTuple):
 
     discounted: Floats  # returns
     undiscounted: Floats  # returns
+    costs: Floats  # cost returns, undiscounted; zero for a view without a cost
     clipped: Floats  # the share of actions that were clipped, (policies, setpoints)
     notes: list[list[str]]  # on each policy
 
@@ -60,7 +62,7 @@ def play(
     The view says what users' objects see, and what is rewarded. Raises PolicyError if a policy fails.
     """
     per_policy, n = len(scenario.points), scenario.episodes
-    out, clipped = np.empty((2, len(cells), n)), np.zeros(len(cells))
+    out, clipped = np.empty((3, len(cells), n)), np.zeros(len(cells))
     columns, notes = len(view.frame(scenario.drifting)), []
     for first_cell in range(0, len(cells), per_policy):
         policy, those = cells[first_cell].policy, slice(first_cell, first_cell + per_policy)
@@ -69,11 +71,11 @@ def play(
                 for first in range(0, n, LANES):
                     part = slice(first, min(first + LANES, n))
                     *returns, count = _returns(scenario, cells[number], number, part, discount, advance, view)
-                    out[:, number, part] = returns
+                    out[0, number, part], out[1, number, part], out[2, number, part] = returns
                     clipped[number] += count / (n * scenario.steps)
             notes.append(list(_notes(policy, view, clipped[those].mean())))
-    discounted, undiscounted = out.reshape(2, -1, per_policy, n)
-    return Played(discounted, undiscounted, clipped.reshape(-1, per_policy), notes)
+    discounted, undiscounted, costs = out.reshape(3, -1, per_policy, n)
+    return Played(discounted, undiscounted, costs, clipped.reshape(-1, per_policy), notes)
 
 
 def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
@@ -84,26 +86,36 @@ def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
 
 
 def rewarded(view: ViewOptions) -> list[str]:
-    """The variables of which rewards are made."""
-    return ["reward"] if view.reward.kind == "classic" else list(COSTS)
+    """The variables of which rewards are made, and then those of which costs are made."""
+    rewards = ["reward"] if view.reward.kind == "classic" else list(COSTS)
+    return [*rewards, *(map(variable_of, view.cost.variables) if view.cost else [])]
+
+
+class Returns(NamedTuple):
+    """The returns (n,) of some episodes, and how many of their actions were clipped."""
+
+    discounted: Floats
+    undiscounted: Floats
+    costs: Floats
+    clipped: int
 
 
 def returns_of(
     blocks: Iterable[Block], discount: float, advance: Advance = unseen, view: ViewOptions = PLAIN
-) -> tuple[Floats, Floats, int]:
-    """The discounted and the undiscounted return of each episode (n,); how many actions were clipped.
-
-    The blocks record what is `rewarded` by the view.
-    """
-    discounted, undiscounted, weight, clipped = np.zeros(()), np.zeros(()), 1.0, 0
+) -> Returns:
+    """The returns of episodes. The blocks record what is `rewarded` by the view."""
+    discounted, undiscounted, costs, weight, clipped = np.zeros(()), np.zeros(()), np.zeros(()), 1.0, 0
+    kept = 1 if view.reward.kind == "classic" else len(COSTS)
     for block in blocks:
         clipped += block.clipped
-        for reward in _rewards(block.record, view):
+        for reward in _rewards(block.record[:kept], view):
             discounted = discounted + weight * reward
             undiscounted = undiscounted + reward
             weight *= discount
+        if view.cost is not None:
+            costs = costs + view.cost.of(tuple(block.record[kept:, 1:])).sum(axis=0, dtype=np.float64)
         advance(block.actions.shape[0] * block.actions.shape[1])
-    return discounted, undiscounted, clipped
+    return Returns(discounted, undiscounted, costs, clipped)
 
 
 def _returns(
@@ -114,8 +126,8 @@ def _returns(
     discount: float,
     advance: Advance,
     view: ViewOptions,
-) -> tuple[Floats, Floats, int]:
-    """The returns of some episodes of a cell with this number, and how many of their actions were clipped."""
+) -> Returns:
+    """The returns of some episodes of a cell with this number."""
     episodes = _paired(scenario, cell, number, np.arange(part.start, part.stop))
     carry, rows = begin(episodes), record_rows(rewarded(view))
     blocks = unroll(episodes, carry, rows, scenario.steps, observe=_through(view, episodes, carry))

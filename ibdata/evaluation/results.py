@@ -25,6 +25,7 @@ from ibdata.policies import POLICIES, Policy
 
 Floats = npt.NDArray[np.float64]
 
+OF_COSTS = ("mean_cost", "violations")  # are shown if the view has a cost
 WIDE = ("interval", "clipped")  # are not shown in tables; `results`, `to_pandas` and --json have them
 
 
@@ -35,7 +36,8 @@ class Result(NamedTuple):
     are discounted and unscaled. `mean_reward` is per step and undiscounted. `score` is 0 for `random` and
     100 for `optimized` in the same episodes, `expert_score` is 100 for `expert`; `score_error` is the
     standard error of `score`, with that of the scale. `clipped` is the share of the actions that were clipped
-    to [-1, 1]. Errors are None for one episode.
+    to [-1, 1]. If the view has a cost, `mean_cost` is the mean number of steps that cost 1, and `violations`
+    the share of the episodes with more of them than the budget. Errors are None for one episode.
     """
 
     policy: str
@@ -50,6 +52,8 @@ class Result(NamedTuple):
     score_error: float | None
     expert_score: float | None
     clipped: float
+    mean_cost: float | None = None
+    violations: float | None = None
 
 
 class Difference(NamedTuple):
@@ -67,8 +71,9 @@ class Difference(NamedTuple):
 class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
-    `scale` says what scores mean, and `notes` why errors or scores are missing and what may be wrong with a
-    policy, a line for each reason. `baselines` compares the policies with the shipped results on a set.
+    `scale` says what scores mean, and `notes` which baselines were compared, why errors or scores are missing
+    and what may be wrong with a policy, a line for each. `baselines` compares the policies with the shipped
+    results on a set.
     """
 
     results: list[Result]
@@ -85,7 +90,9 @@ class Evaluation(Tabular):
         said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
         shown = [_shown(Result._fields, self.results, said)]
         if self.baselines:
-            shown.append(Table(Comparison._fields, self.baselines))
+            names = [name for name in Comparison._fields if name not in WIDE]
+            rows = [[getattr(row, name) for name in names] for row in self.baselines]
+            shown.append(Table(names, rows))
         if self.differences:
             shown.append(_shown(Difference._fields, self.differences))
         return shown
@@ -111,7 +118,8 @@ class Evaluation(Tabular):
 
 def _shown(names: Sequence[str], rows: Sequence[Result | Difference], notes: Sequence[str] = ()) -> Table:
     """A table for the width of a terminal."""
-    names = [name for name in names if name not in WIDE]
+    hidden = WIDE if any(getattr(row, "mean_cost", None) is not None for row in rows) else (*WIDE, *OF_COSTS)
+    names = [name for name in names if name not in hidden]
     cells = [_with_all(row)._asdict() for row in rows]
     return Table(names, [[row[name] for name in names] for row in cells], notes)
 
@@ -128,6 +136,7 @@ def results_of(
     played: Played,
     scored: Sequence[Sequence[Scores]],
     steps: int,
+    budget: float | None = None,
 ) -> list[Result]:
     """The result of each policy at each setpoint and, if there are several, over all."""
     results = []
@@ -142,7 +151,9 @@ def results_of(
             values = list(returns[columns])
             p10, reward = float(np.quantile(values, 0.1)), estimate(list(rewards[columns] / steps)).mean
             size, share = returns[columns].size, float(clipped[columns].mean())
-            results.append(Result(label, p, size, *estimate(values), p10, reward, *score, share))
+            costs = played.costs[i, columns]
+            over = (None, None) if budget is None else (float(costs.mean()), float((costs > budget).mean()))
+            results.append(Result(label, p, size, *estimate(values), p10, reward, *score, share, *over))
     return results
 
 

@@ -104,7 +104,7 @@ def branch_returns(
             first_step=first_step[row],
             recorded=None if first_actions is None else first_actions[row][None],
         )
-        out[lanes], _, _ = returns_of(blocks, discount)
+        out[lanes] = returns_of(blocks, discount).discounted
     return out.reshape(-1, branches)
 
 

@@ -107,6 +107,8 @@ def export(
         history = getattr(format, "HISTORY", 1)
     history = checked_length(history)
     options = view_of(view)
+    if options.cost is not None and not getattr(format, "COSTS", False):
+        raise UsageError(f"cost: found one, but the format {to} has no place for costs; leave it out")
     rows = readable(dataset)
     is_split = rows.select().mask is None
     shown = View(rows.select(split), split if is_split else None, history, options, progress)

@@ -14,17 +14,19 @@ from ibdata.exporters._view import Array, Arrays, Block, View
 
 
 def transitions(block: Block) -> Arrays:
-    """The arrays of D4RL, with the latent state in infos/."""
+    """The arrays of D4RL, with the latent state in infos/, and costs as in DSRL if the view has a cost."""
+    costs = {"costs": block.extras["cost"]} if "cost" in block.extras else {}
     return {
         "observations": block.observations,
         "actions": block.actions,
         "rewards": block.rewards,
+        **costs,
         "next_observations": block.next_observations,
         "terminals": block.terminated,
         "timeouts": block.truncated,
         "infos/episode": block.episode,
         "infos/step": block.step,
-        **{f"infos/{name}": array for name, array in block.extras.items()},
+        **{f"infos/{name}": array for name, array in block.extras.items() if name != "cost"},
     }
 
 

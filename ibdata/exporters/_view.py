@@ -33,7 +33,7 @@ class Block(NamedTuple):
     truncated: Array  # (n,) bool
     episode: Array  # (n,) int64
     step: Array  # (n,) int32
-    extras: Arrays  # (n,) each, by column: latent state, log density of the action, clean values
+    extras: Arrays  # (n,) each, by column: latent state, log density of the action, clean values, cost
 
 
 ARRAYS = Block._fields[:-1]
@@ -77,6 +77,7 @@ class View:
     def bytes(self) -> int:
         """The size of the arrays of all blocks."""
         floats = 2 * len(self.frame) * self.history + len(ACTIONS) + 1 + len(self.beside) + len(self.clean)
+        floats += self.options.cost is not None
         return self.rows * (4 * floats + 8 + 4 + 1 + 1)
 
     def plain(self) -> dict[str, Any]:
@@ -111,6 +112,8 @@ class View:
             arrays = {name: _float32(array) for name, array in arrays.items()}
             extras = {name: arrays[name] for name in self.beside}
             extras |= {f"clean_{name}": arrays[name] for name in self.clean}
+            if self.options.cost is not None:
+                extras["cost"] = arrays["costs"]
             if len(arrays["step"]):
                 yield Block(**{name: arrays[name] for name in ARRAYS}, extras=extras)
 

@@ -17,6 +17,7 @@ from ibdata.dataset.transitions import Transitions, as_batch, stacked, transitio
 from ibdata.exporters._view import View
 
 OBSERVED = ("observation", "next_observation")  # roles of columns for which there are frames
+COSTS = True  # it has a place for them
 
 
 def export(view: View, path: Path, target: Path) -> str:

@@ -15,6 +15,7 @@ from ibdata.exporters._target import needed, reserve
 from ibdata.exporters._view import View
 from ibdata.version import __version__
 
+COSTS = True  # it has a place for them
 CHUNK_ROWS = 4096
 OVERHEAD = 2**20  # bytes per file; 0.37 MB was measured
 

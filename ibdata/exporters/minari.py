@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ibdata.dataset import reference_returns
+from ibdata.dataset.reference_returns import scale_of
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.exporters._target import needed, reserve
@@ -26,6 +26,7 @@ from ibdata.version import __version__
 from ibdata.views.options import ACTIONS, bounds_of
 
 ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # the ids that Minari accepts, if they have a version
+COSTS = True  # it has a place for them
 ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
 ENTRY_POINT = "ibdata.environment:IndustrialBenchmarkEnv"  # text: Minari cannot store a class
 
@@ -172,16 +173,14 @@ def _metadata(view: View, name: str) -> dict[str, Any]:
 def _references(view: View) -> dict[str, float]:
     """The returns that `minari.get_normalized_score` takes for 0 and 1, scaled as the rewards are.
 
-    They are means over the setpoints. There are none for other rewards than the classic one, for moving
-    setpoints, for episodes of different lengths or unequal numbers of them at the setpoints, and where the
-    scale has no such episodes.
+    They are means over the setpoints. There are none for other rewards than the classic one, for episodes of
+    different lengths or unequal numbers of them at the setpoints, and where the scale has no such episodes.
     """
-    info = view.info
     lengths = view.table["length"].unique().tolist()
     unequal = view.table["setpoint"].value_counts().nunique() > 1
-    if view.options.reward.kind != "classic" or view.left_out or info.drifting or len(lengths) > 1 or unequal:
+    if view.options.reward.kind != "classic" or view.left_out or len(lengths) > 1 or unequal:
         return {}
-    scale = reference_returns.scale(info.dynamics, info.start, lengths[0], 1.0)
+    scale = scale_of(view.info, lengths[0])
     ends = scale.ends(view.table["setpoint"].unique().tolist()) if scale else None
     if ends is None:
         return {}

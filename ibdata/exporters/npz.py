@@ -11,6 +11,8 @@ from pathlib import Path
 from ibdata.exporters._arrays import transitions, write_npz
 from ibdata.exporters._view import View
 
+COSTS = True  # it has a place for them
+
 
 def export(view: View, path: Path, target: Path) -> str:
     """Write the NPZ."""

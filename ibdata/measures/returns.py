@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset import reference_returns
 from ibdata.dataset.models import Info
+from ibdata.dataset.reference_returns import EXPERT, scale_of
 
 MEANING = {
     "trajectory_quality": "mean return: 0 = random, 1 = expert",
@@ -69,8 +69,8 @@ def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
     ends, improvements, weights = [], [], []
     for p, steps in np.unique(np.column_stack([setpoints, lengths]), axis=0).tolist():
         at_setpoint = returns[(setpoints == p) & (lengths == steps)]
-        scale = None if info.drifting else reference_returns.scale(info.dynamics, info.start, int(steps), 1.0)
-        end = scale.ends([p], reference_returns.EXPERT) if scale else None
+        scale = scale_of(info, int(steps))
+        end = scale.ends([p], EXPERT) if scale else None
         ends.append(None if end is None else (len(at_setpoint) * end[0], len(at_setpoint) * end[1]))
         if info.dynamics is not None and (improvement := return_improvement(at_setpoint)) is not None:
             improvements.append(improvement)

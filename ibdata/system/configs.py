@@ -12,6 +12,15 @@ def root() -> Path:
     return next(path for path in (here / "configs", here.parent / "configs") if path.is_dir())
 
 
+def canonical_file() -> Path:
+    """The content roots and figures of the datasets of these experiments."""
+    return next(
+        path
+        for path in (root() / "canonical.json", root().parent / "docs" / "canonical.json")
+        if path.exists()
+    )
+
+
 def shipped() -> dict[str, Path]:
     """The configs that come with ibdata, by name without '.yaml'; in a suite the name is suite/name."""
     paths = [*sorted(root().glob("*.yaml")), *sorted(root().glob("*/*.yaml"))]

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from ibdata.arguments import public
 from ibdata.errors import UsageError, suggestion
 from ibdata.variables import VARIABLES, of_role, variable_of
+from ibdata.views.costs import Cost, cost_of
 from ibdata.views.imperfections import NONE, Imperfections, imperfections_of
 from ibdata.views.rewards import CLASSIC, Reward, reward_of
 
@@ -37,6 +38,7 @@ class ViewOptions:
     reward: Reward = CLASSIC
     reward_scale: float = 1.0
     imperfections: Imperfections = NONE
+    cost: Cost | None = None
 
     @property
     def is_classic(self) -> bool:
@@ -71,6 +73,7 @@ class ViewOptions:
             "reward": self.reward.plain(),
             "reward_scale": self.reward_scale,
             "imperfections": self.imperfections.plain(),
+            "cost": None if self.cost is None else self.cost.plain(),
         }
         return {name: value for name, value in options.items() if getattr(self, name) != getattr(PLAIN, name)}
 
@@ -81,6 +84,7 @@ class ViewOptions:
             "reward": self.reward.plain(),
             "reward_scale": self.reward_scale,
             "imperfections": self.imperfections.plain(),
+            **({} if self.cost is None else {"cost": self.cost.plain()}),
         }
 
 
@@ -99,6 +103,7 @@ def view_options(
     reward: str | Mapping[str, float] = "classic",
     reward_scale: float = 1.0,
     imperfections: Mapping[str, Any] | None = None,
+    cost: str | Mapping[str, Any] | None = None,
 ) -> ViewOptions:
     """Check the options of a view.
 
@@ -111,6 +116,9 @@ def view_options(
         reward_scale: the factor of the reward.
         imperfections: a mapping with some of the keys `delay`, `noise`, `quantise` and `missing`, each a
             mapping of columns to numbers; `mask`, whether flags tell which values are missing; and `seed`.
+        cost: a cost beside the reward: {"fatigue": 60} is 1 for each step to a fatigue above 60, "runaway"
+            for each to a hidden μ of at least 1.2, from where it grows by itself. With `budget`, such as
+            {"fatigue": 60, "budget": 25}, an evaluation counts the episodes whose costs add up to more.
 
     Raises:
         UsageError: an option is invalid.
@@ -123,6 +131,7 @@ def view_options(
         reward_of(reward),
         float(reward_scale),
         imperfections_of(imperfections),
+        cost_of(cost),
     )
     known = options.columns(drifting=True)
     for name in options.imperfections.columns:

@@ -12,7 +12,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def replaced(document: str, block: str, kind: str = "measured") -> str:
-    """The document with other lines between its markers, `measured` or `generated`."""
+    """The document with other lines between its markers, such as `measured` or `generated`."""
     before, opened, rest = document.partition(f"<!-- {kind} -->\n")
     _, closed, after = rest.partition(f"\n<!-- /{kind} -->")
     if not closed:
@@ -20,16 +20,16 @@ def replaced(document: str, block: str, kind: str = "measured") -> str:
     return before + opened + block + closed + after
 
 
-def measured(document: str) -> str:
+def measured(document: str, kind: str = "measured") -> str:
     """The lines between the markers of a document."""
-    match = re.search(r"<!-- measured -->\n(.*)\n<!-- /measured -->", document, re.DOTALL)
+    match = re.search(rf"<!-- {kind} -->\n(.*)\n<!-- /{kind} -->", document, re.DOTALL)
     assert match is not None
     return match[1]
 
 
-def write_measured(path: Path, block: str) -> None:
+def write_measured(path: Path, block: str, kind: str = "measured") -> None:
     """Write the lines between the markers of a page."""
-    path.write_text(replaced(path.read_text(encoding="utf-8"), block), encoding="utf-8")
+    path.write_text(replaced(path.read_text(encoding="utf-8"), block, kind), encoding="utf-8")
 
 
 def write_sets(

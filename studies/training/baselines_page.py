@@ -11,9 +11,10 @@ import pandas as pd
 
 import ibdata
 from ibdata.dataset.reference_returns import scale
-from ibdata.evaluation.baselines import BEHAVIOUR, SETTINGS, Baseline
+from ibdata.evaluation.baselines import BEHAVIOUR, Baseline, Evaluated
 from ibdata.numerics.confidence import estimate
 from measuring.documents import DOCS, table, write_measured
+from training.protocol import LITERATURE
 from training.selection import rank_correlation
 
 REFERENCES = {"random": "`random`", "zero": "no change at any step"}
@@ -38,20 +39,37 @@ def grouped(lines: Sequence[Baseline]) -> dict[Key, list[Baseline]]:
     return groups
 
 
+def evaluation(line: Baseline) -> Evaluated:
+    """The only evaluation of a run."""
+    [only] = line.evaluations
+    return only
+
+
+def returns_of(line: Baseline) -> Floats | None:
+    """The returns (episodes,) of a run."""
+    values = evaluation(line).values
+    return None if values is None else values[0]
+
+
+def mean_of(line: Baseline) -> float | None:
+    """The mean return of a run."""
+    return evaluation(line).mean_return
+
+
 def references() -> dict[str, float]:
     """The returns of known policies in 10,000 episodes."""
-    known = scale(*(SETTINGS[name] for name in ("dynamics", "start", "steps", "discount")))
+    known = scale(*(LITERATURE[name] for name in ("dynamics", "start", "steps", "discount")))
     assert known is not None
     return {
         row.policy: row.mean_return
         for row in known.results
-        if row.policy in REFERENCES and row.setpoint == SETTINGS["setpoint"]
+        if row.policy in REFERENCES and row.setpoint == LITERATURE["setpoint"]
     }
 
 
 def cell(lines: Sequence[Baseline]) -> str:
     """The mean over seeds, in hundreds."""
-    values = [line.mean_return / 100 for line in lines if line.mean_return is not None]
+    values = [mean / 100 for mean in map(mean_of, lines) if mean is not None]
     failed = len(lines) - len(values)
     parts = [f"{np.mean(values):.1f}".replace("-", "−")] if values else []
     parts += [f"{failed} failed"] if failed else []
@@ -70,7 +88,7 @@ def results(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence
 
 def behaviours(lines: Sequence[Baseline]) -> dict[str, Floats]:
     """The returns of the behaviour of each set."""
-    returns = {line.set: line.values for line in lines if line.algorithm == BEHAVIOUR}
+    returns = {line.set: returns_of(line) for line in lines if line.algorithm == BEHAVIOUR}
     return {name: values for name, values in returns.items() if values is not None}
 
 
@@ -87,9 +105,10 @@ def verdict(line: Baseline, base: Floats) -> int:
 
     By the 95 % interval of the mean of the paired differences; a policy that failed counts as lower.
     """
-    if line.values is None:
+    values = returns_of(line)
+    if values is None:
         return 2
-    low, high = estimate([line.values - base]).interval or (-1.0, 1.0)
+    low, high = estimate([values - base]).interval or (-1.0, 1.0)
     return 0 if low > 0 else 2 if high < 0 else 1
 
 
@@ -112,7 +131,7 @@ def algorithms(lines: Sequence[Baseline]) -> str:
 
 def worst_error(lines: Iterable[Baseline]) -> str:
     """The greatest standard error, in hundreds."""
-    return f"{max((line.standard_error or 0.0 for line in lines), default=0.0) / 100:.2f}"
+    return f"{max((evaluation(line).standard_error or 0.0 for line in lines), default=0.0) / 100:.2f}"
 
 
 def shown(value: float) -> str:
@@ -199,11 +218,10 @@ def draw(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
                 continue
             axis.axhline(references()["expert"] / 100, color="0.6", linestyle=":", label="expert")
             for result in groups.get((name, BEHAVIOUR), []):
-                axis.axhline((result.mean_return or np.nan) / 100, color="#bc4b51", label="behaviour")
+                axis.axhline((mean_of(result) or np.nan) / 100, color="#bc4b51", label="behaviour")
             for i, algorithm in enumerate(names):
-                values = [
-                    x.mean_return for x in groups.get((name, algorithm), []) if x.mean_return is not None
-                ]
+                means = map(mean_of, groups.get((name, algorithm), []))
+                values = [mean for mean in means if mean is not None]
                 axis.plot([i] * len(values), np.divide(values, 100), "o", color="#2a6f97", markersize=4)
             axis.set(title=name.replace("siemens-offline/", ""), xlim=(-0.6, len(names) - 0.4))
             axis.set_xticks(range(len(names)), [LABELS[x] for x in names], rotation=90, fontsize=7)

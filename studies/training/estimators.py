@@ -21,7 +21,6 @@ from torch.special import ndtr, ndtri
 
 import ibdata
 from ibdata.dynamics.setpoint import D_G, D_H, D_V
-from ibdata.evaluation.baselines import SETTINGS
 from ibdata.evaluation.importance import Importance
 from ibdata.policies import Decision, Distribution
 from ibdata.policies.base import Bools, Float32s, Needs, Observed, at_start
@@ -29,6 +28,7 @@ from ibdata.policies.network import Network
 from ibdata.policies.weights_file import read
 from training.learned_model import Model, fitted_network
 from training.offline import DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, STEPS, Rows, train
+from training.protocol import LITERATURE
 from training.selection import Checkpoint
 
 SEED = 0  # of the training
@@ -36,7 +36,7 @@ SCALE = 0.3  # of the noise
 EDGE = 1.0 - 2.0**-24  # the greatest number below 1 of float32
 LOG_SQRT_2PI = 0.5 * math.log(2.0 * math.pi)
 Floats = npt.NDArray[np.float64]
-HORIZON = int(SETTINGS["steps"])
+HORIZON = int(LITERATURE["steps"])
 DISCOUNTS = DISCOUNT ** np.arange(HORIZON)
 FITS, FIT_STEPS, FIT_BATCH, LEARNING_RATE = HORIZON, 50, 100, 3e-4  # of Q
 STARTS = 1000  # from which Q and the model are averaged

@@ -12,13 +12,24 @@ from __future__ import annotations
 import copy
 import itertools
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from ibdata.dynamics.setpoint import D_G, D_H, D_V
-from training.offline import BATCH, DISCOUNT, HIDDEN, HISTORY, REWARD_SCALE, Rows, spent, versions
+from training.offline import (
+    BATCH,
+    DISCOUNT,
+    FINE_TUNING,
+    HIDDEN,
+    HISTORY,
+    REWARD_SCALE,
+    Rows,
+    seen_spread,
+    spent,
+    versions,
+)
 
 MEMBERS, FRAMES, MODEL_STEPS, MODEL_RATE = 4, 10, 15_000, 1e-3
 CLONING_STEPS, POLICY_STEPS, POLICY_RATE, HORIZON, PENALTY = 10_000, 1_000, 1e-3, 30, 3.0
@@ -64,15 +75,21 @@ class Models(nn.Module):
 
     def __init__(self, rows: Rows) -> None:
         super().__init__()
+        self.lowest, self.highest = torch.full((2,), torch.inf), torch.full((2,), -torch.inf)
+        self.look_at(rows)
+        sample = self.at[torch.randperm(len(self.at))[:50_000]]
+        inputs, changes = self.inputs(self.observations[sample], self.actions[sample]), self.changes(sample)
+        self.center, self.spread = inputs.mean(dim=0), spread_of(inputs.std(dim=0))
+        self.mean, self.scale = changes.mean(dim=0), changes.std(dim=0)
+        self.members = Members(MEMBERS, inputs.shape[1], *HIDDEN, 2)
+
+    def look_at(self, rows: Rows) -> None:
+        """Learn from these rows from now on."""
         self.observations, self.actions = torch.from_numpy(rows.observations), torch.from_numpy(rows.actions)
         self.at = torch.from_numpy(rows.transitions)
         known = self.observations[self.at, PREDICTED]
-        self.lowest, self.highest = known.amin(dim=0), known.amax(dim=0)
-        sample = self.at[torch.randperm(len(self.at))[:50_000]]
-        inputs, changes = self.inputs(self.observations[sample], self.actions[sample]), self.changes(sample)
-        self.center, self.spread = inputs.mean(dim=0), deviation(inputs)
-        self.mean, self.scale = changes.mean(dim=0), deviation(changes)
-        self.members = Members(MEMBERS, inputs.shape[1], *HIDDEN, 2)
+        self.lowest = torch.minimum(self.lowest, known.amin(dim=0))
+        self.highest = torch.maximum(self.highest, known.amax(dim=0))
 
     def drawn(self, rows: int) -> Tensor:
         """So many rows of the data that are transitions, with replacement."""
@@ -86,11 +103,12 @@ class Models(nn.Module):
         """How fatigue and consumption changed (n, 2) after these rows of the data."""
         return self.observations[at + 1, PREDICTED] - self.observations[at, PREDICTED]
 
-    def fit(self) -> None:
+    def fit(self, steps: int = MODEL_STEPS) -> None:
         """Train each member on its own draws from the data."""
+        self.requires_grad_(True)
         optimizer = torch.optim.Adam(self.members.parameters(), lr=MODEL_RATE)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, MODEL_STEPS)
-        for _ in range(MODEL_STEPS):
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+        for _ in range(steps):
             at = self.drawn(MEMBERS * BATCH)
             x = (self.inputs(self.observations[at], self.actions[at]) - self.center) / self.spread
             y = (self.changes(at) - self.mean) / self.scale
@@ -109,6 +127,11 @@ class Models(nn.Module):
         x = ((self.inputs(seen, actions) - self.center) / self.spread).expand(MEMBERS, -1, -1)
         after: Tensor = seen[:, PREDICTED] + self.members(x) * self.scale + self.mean
         return after
+
+    def predicted(self, observations: Any, actions: Any) -> Any:
+        """The mean of the members' predictions, as `ibdata.score_model` asks for them."""
+        with torch.no_grad():
+            return self(torch.from_numpy(observations), torch.from_numpy(actions)).mean(dim=0).numpy()
 
     def within(self, predicted: Tensor) -> Tensor:
         """Predictions, limited to the range of the data."""
@@ -131,10 +154,9 @@ class Policy(nn.Module):
         return actions
 
 
-def deviation(values: Tensor) -> Tensor:
-    """The standard deviation of each column, 1 where it is 0."""
-    std = values.std(dim=0)
-    return torch.where(std > 1e-6, std, 1.0)
+def spread_of(std: Tensor, blind: bool = False) -> Tensor:
+    """What inputs are divided by: infinity hides what is constant in the data, or all setpoints."""
+    return torch.from_numpy(seen_spread(std.double().numpy(), blind)).float()
 
 
 def steered(seen: Tensor, actions: Tensor) -> Tensor:
@@ -170,31 +192,57 @@ def descend(optimizer: torch.optim.Optimizer, loss: Tensor, longest: float | Non
     optimizer.step()
 
 
-def cloned(policy: Policy, models: Models) -> None:
+def cloned(policy: Policy, models: Models, steps: int) -> None:
     """Train a policy by behavioural cloning: the least squared distance from the actions of the data."""
     optimizer = torch.optim.Adam(policy.parameters(), lr=POLICY_RATE)
-    for _ in range(CLONING_STEPS):
+    for _ in range(steps):
         at = models.drawn(BATCH)
         descend(optimizer, ((policy(models.observations[at]) - models.actions[at]) ** 2).mean())
 
 
-def train(rows: Rows, seed: int) -> tuple[Policy, dict[str, Any]]:
-    """Train models and policy. Return the last policy, and the fields of a baseline about the training."""
+class Learned(NamedTuple):
+    """What a training makes."""
+
+    models: Models
+    clone: Policy
+    policy: Policy | None  # None if only the models were wanted
+
+
+def train(
+    rows: Rows, seed: int, before: Learned | None = None, blind: bool = False, with_policy: bool = True
+) -> tuple[Learned, dict[str, Any]]:
+    """Train models and policy. Return them, and the fields of a baseline about the training.
+
+    Models and clone go on from those of a training `before`, by fewer steps. A `blind` policy does not see
+    the setpoint.
+    """
     torch.set_num_threads(1)
     torch.manual_seed(seed)
     wall, cpu = time.perf_counter(), time.process_time()
-    models = Models(rows)
-    models.fit()
-    mean, std = (torch.from_numpy(x).float() for x in rows.moments())
-    policy = Policy(mean, torch.where(std > 1e-6, std, 1.0))
-    cloned(policy, models)
-    clone = copy.deepcopy(policy).requires_grad_(False)
-    optimizer = torch.optim.Adam(policy.parameters(), lr=POLICY_RATE)
-    for _ in range(POLICY_STEPS):
-        descend(optimizer, -imagined(policy, clone, models, models.observations[models.drawn(BATCH)]), 1.0)
-    return policy.requires_grad_(False), {
-        "training_steps": POLICY_STEPS,
+    if before is None:
+        models, fewer = Models(rows), 1
+        mean, std = (torch.from_numpy(x) for x in rows.moments())
+        clone = Policy(mean.float(), spread_of(std, blind))
+    else:
+        (models, clone), fewer = copy.deepcopy(before[:2]), FINE_TUNING
+        models.look_at(rows)
+    models.fit(MODEL_STEPS // fewer)
+    cloned(clone.requires_grad_(True), models, CLONING_STEPS // fewer)
+    clone.requires_grad_(False)
+    policy = improved(clone, models) if with_policy else None
+    return Learned(models, clone, policy), {
+        "training_steps": POLICY_STEPS if with_policy else 0,
         **spent(wall, cpu),
         "hyperparameters": HYPERPARAMETERS,
         "versions": versions("torch", "numpy"),
     }
+
+
+def improved(clone: Policy, models: Models) -> Policy:
+    """The policy that a search by imagined steps makes of a clone."""
+    policy: Policy = copy.deepcopy(clone).requires_grad_(True)
+    optimizer = torch.optim.Adam(policy.parameters(), lr=POLICY_RATE)
+    for _ in range(POLICY_STEPS):
+        descend(optimizer, -imagined(policy, clone, models, models.observations[models.drawn(BATCH)]), 1.0)
+    policy.requires_grad_(False)
+    return policy

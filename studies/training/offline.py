@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import importlib.metadata
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import d3rlpy
@@ -24,7 +25,9 @@ from ibdata.views.options import view_options
 
 HISTORY, REWARD_SCALE, DISCOUNT = 30, 0.01, 0.97
 STEPS, BATCH, HIDDEN = 15_000, 256, (64, 64)
+FINE_TUNING = 3  # so many times fewer steps than the training before
 PART = 65_536  # rows of which moments are computed at once
+CONSTANT = 1e-4  # the greatest deviation of what is constant but for rounding
 # d3rlpy's default, 40,000 steps, is longer than the training here.
 OWN: dict[str, dict[str, Any]] = {
     "bear": {"warmup_steps": STEPS // 10},
@@ -66,6 +69,13 @@ class Rows(NamedTuple):
             transitions=[],
         )
 
+    def first(self, episodes: int) -> Rows:
+        """The first episodes."""
+        ends = np.setdiff1d(np.arange(len(self.actions)), self.transitions)
+        stop = ends[episodes - 1] + 1
+        kept = self.transitions[self.transitions < stop]
+        return Rows(self.observations[:stop], self.actions[:stop], self.rewards[:stop], kept)
+
     def moments(self) -> tuple[Floats, Floats]:
         """The mean and the standard deviation of each column of the observations of all transitions."""
         n = len(self.transitions)
@@ -75,9 +85,22 @@ class Rows(NamedTuple):
         return mean, np.sqrt(np.sum(squares, axis=0) / n)
 
 
-def rows_of(dataset: ibdata.Dataset, history: int = HISTORY) -> Rows:
-    """The rows of a dataset, with stacked observations and scaled rewards."""
-    view = View(dataset.select(), history=history, options=view_options(reward_scale=REWARD_SCALE))
+def joined(parts: Sequence[Rows]) -> Rows:
+    """The episodes of all parts."""
+    starts = np.cumsum([0, *(len(part.actions) for part in parts)])
+    transitions = [start + part.transitions for start, part in zip(starts, parts, strict=False)]
+    return Rows(
+        np.concatenate([part.observations for part in parts]),
+        np.concatenate([part.actions for part in parts]),
+        np.concatenate([part.rewards for part in parts]),
+        np.concatenate(transitions),
+    )
+
+
+def rows_of(dataset: ibdata.Dataset, history: int = HISTORY, **conditions: Any) -> Rows:
+    """The rows of a dataset under some conditions, with stacked observations and scaled rewards."""
+    options = view_options(reward_scale=REWARD_SCALE)
+    view = View(dataset.select(**conditions), history=history, options=options)
     size = view.rows + view.episodes
     observations = np.empty((size, 6 * history), np.float32)
     actions, rewards = np.empty((size, 3), np.float32), np.empty((size, 1), np.float32)
@@ -133,24 +156,39 @@ def hyperparameters(config: Any) -> dict[str, Any]:
     return {**protocol, **plain}
 
 
+def seen_spread(std: Floats, blind: bool = False) -> Floats:
+    """What observations are divided by: infinity hides what is constant in the data, or all setpoints."""
+    spread = np.where(std > CONSTANT, std, np.inf)
+    if blind:
+        spread[::6] = np.inf
+    return spread
+
+
 def train(
     algorithm: str,
     rows: Rows,
     seed: int,
     steps: int = STEPS,
     after: Callable[[int, Any], None] | None = None,
+    before: Any = None,
+    blind: bool = False,
 ) -> tuple[Any, dict[str, Any]]:
     """Train an algorithm. Return its last policy, and the fields of a baseline that describe the training.
 
     One thread of torch and one seed of all random numbers, so that a run does not depend on those before it.
-    `after` is called with the number of steps so far and the policy, after each of them.
+    `after` is called with the number of steps so far and the policy, after each of them. `before` is a policy
+    from which the training goes on, by fewer steps; a `blind` policy does not see the setpoint.
     """
     torch.set_num_threads(1)
     d3rlpy.seed(seed)
     mean, std = rows.moments()
-    config = config_of(algorithm, observation_scaler=StandardObservationScaler(mean=mean, std=std))
-    learned = config.create()
-    learned.create_impl((rows.observations.shape[1],), 3)
+    scaler = StandardObservationScaler(mean=mean, std=seen_spread(std, blind))
+    config = config_of(algorithm, observation_scaler=scaler)
+    if before is None:
+        learned = config.create()
+        learned.create_impl((rows.observations.shape[1],), 3)
+    else:
+        learned, steps = copy.deepcopy(before), steps // FINE_TUNING
     draws = np.random.default_rng(seed)
     wall, cpu = time.perf_counter(), time.process_time()
     for step in range(steps):

@@ -125,8 +125,9 @@ def test_a_suite_is_made_in_a_folder_of_its_name(run, tmp_path):
 FEW = ("--episodes", "5", "--steps", "20")
 COLUMNS = [
     "policy", "setpoint", "episodes", "mean_return", "standard_error", "interval", "p10", "mean_reward",
-    "score", "score_error", "expert_score", "clipped",
+    "score", "score_error", "expert_score", "clipped", "mean_cost", "violations",
 ]  # fmt: skip
+HIDDEN = ("interval", "clipped", "mean_cost", "violations")  # in tables
 
 
 def test_evaluate_prints_results_differences_and_the_scale(run):
@@ -143,7 +144,7 @@ def test_evaluate_prints_results_differences_and_the_scale(run):
     assert [d["setpoint"] for d in data["differences"]] == setpoints
     assert "100 = optimized" in data["scale"]
     lines = run("evaluate", "optimized", *places, *FEW)[1].splitlines()
-    assert lines[0].split() == [name for name in COLUMNS if name not in ("interval", "clipped")]
+    assert lines[0].split() == [name for name in COLUMNS if name not in HIDDEN]
     assert [line.split()[1] for line in lines[1:5]] == ["70.0000000", "50.0000001", "50.0000002", "all"]
 
 

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from ibdata.cli import cli
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.readable import Readable
 from ibdata.experiment import Experiment
 
 # A command line; the library function that it calls; the arguments of this call. $D is a dataset, $S a folder
@@ -21,6 +22,10 @@ LOADED = {"overrides": ("steps=7", "episodes=2"), "seed": 5}
 CHANGES = "--set steps=7 --set episodes=2 --seed 5"
 RUNNING = "--workers 3 --allow-code --quiet --engine ray --address a"
 PREVIEWED = {"workers": 3, "allow_code": True}
+CHOICE = "--split target --setpoint 70 --policy random --policy calm --episodes 0-2,5 --returns -inf 3"
+CHOSEN = {"split": "target", "setpoint": 70.0, "policy": ["random", "calm"], "episodes": [0, 1, 2, 5],
+          "returns": [-math.inf, 3.0]}  # fmt: skip
+SELECT = "ibdata.dataset.selection.Selection.select"
 TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ("card $D", "ibdata.maintenance.card.card", {"folder": DATA}),
     ("diff $D $D", "ibdata.dataset.difference.difference", {"a": DATA, "b": DATA}),
@@ -28,22 +33,26 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     (f"config show random {CHANGES}", "ibdata.experiment.load", {"config": "random", **LOADED}),
     (
         "evaluate safe --policy bad --setpoint 50 --setpoint 70 --steps 4 --discount .5 --episodes 6"
-        " --start {'burn_in':[3,9]} --dynamics {'eta_mean':.1} --reward delta --seed 7"
+        " --start {'burn_in':[3,9]} --dynamics {'eta_mean':.1} --reward delta --cost runaway --seed 7"
         " --against optimized-40 --allow-code -q",
         "ibdata.evaluation.evaluate",
         {"policy": ["safe", "bad"], "setpoint": [50, 70], "steps": 4, "discount": 0.5, "episodes": 6,
-         "start": {"burn_in": [3, 9]}, "dynamics": {"eta_mean": 0.1}, "view": {"reward": "delta"}, "seed": 7,
+         "start": {"burn_in": [3, 9]}, "dynamics": {"eta_mean": 0.1}, "seed": 7,
+         "view": {"reward": "delta", "cost": "runaway"},
          "against": "optimized-40", "allow_code": True, "progress": False},
     ),
     (
-        "export $D --to csv --out o --split target --history 3 --reward-scale .5 --observe markov --actions"
-        " --reward delta --imperfections {'seed':1} --id a/b-v1 --overwrite --quiet",
+        "export $D --to csv --out o --history 3 --reward-scale .5 --observe markov --actions"
+        " --reward delta --imperfections {'seed':1} --cost {'fatigue':60} --id a/b-v1 --overwrite --quiet",
         "ibdata.exporters.export",
-        {"dataset": DATA, "to": "csv", "out": "o", "split": "target", "history": 3,
+        {"dataset": DATA, "to": "csv", "out": "o", "history": 3,
          "view": {"observe": "markov", "actions": True, "reward": "delta", "reward_scale": 0.5,
-                  "imperfections": {"seed": 1}},
+                  "imperfections": {"seed": 1}, "cost": {"fatigue": 60}},
          "id": "a/b-v1", "overwrite": True, "progress": False},
     ),
+    (f"export $D --to csv --out o {CHOICE}", SELECT, CHOSEN),
+    (f"plot $D {CHOICE}", SELECT, CHOSEN),
+    (f"stats $D {CHOICE}", SELECT, CHOSEN),
     (
         "figure landscape --out o.svg --dynamics paper --seed 7 --overwrite",
         "ibdata.cli.draw.figure",
@@ -111,12 +120,8 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
          "names": {"a": "b", "c": "d"}, "remove": ("e", "f"), "materialize": "o"},
     ),
     ("split $D --list", "ibdata.dataset.reader.Dataset.splits", {}),
-    ("stats $D --split target", "ibdata.dataset.reader.Dataset.statistics", {"split": "target"}),
-    (
-        "stats $D --split target --quality",
-        "ibdata.measures.quality.quality",
-        {"ds": DATA, "split": "target"},
-    ),
+    ("stats $D", "ibdata.dataset.selection.Selection.statistics", {}),
+    ("stats $D --quality", "ibdata.measures.quality.quality", {"ds": DATA}),
     (
         "validate $D --quick --quiet",
         "ibdata.validation.validate.validate",
@@ -134,8 +139,8 @@ def plain(value: Any) -> Any:
     """A value as the table has it."""
     if isinstance(value, Experiment):
         return [value.seed, value.steps]
-    if isinstance(value, Dataset):
-        value = value.path
+    if isinstance(value, Readable):
+        value = value.place
     if isinstance(value, dict):
         return {key: plain(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):

@@ -11,16 +11,26 @@ from ibdata import evaluate
 from ibdata.dataset.reference_returns import Measured, Scale, reference, scale
 from measuring.documents import measured
 
+STUDY = script("reference-returns")
 POLICIES = ["zero", "random", "safe", "mediocre", "optimized", "expert"]
 ENDS = ["random", "optimized", "expert"]
 SETPOINTS = [5.0 * i for i in range(21)]
 BURN_IN = {"burn_in": [15, 64]}
+FIRST_VALUES = [10.0, 30.0, 50.0, 70.0, 90.0]
+LENGTHS = [{"steps": 100, "discount": 0.97}, {"steps": 1000, "discount": 1.0}]
 SETTINGS = [
-    (dynamics, start, *length)
+    {"dynamics": dynamics, "start": start, **length}
     for start in ("default", "uniform", BURN_IN)
     for dynamics in ("siemens", "paper")
-    for length in ((100, 0.97), (1000, 1.0))
+    for length in LENGTHS
 ]
+APART = {"dynamics": "siemens", "start": "default", "steps": 250, "discount": 1.0}
+MOVING = [
+    {"dynamics": dynamics, "start": "default", **length, "drifting": True}
+    for dynamics in ("siemens", "paper")
+    for length in LENGTHS
+]
+SETTINGS += [APART, *MOVING]
 settings = pytest.mark.parametrize("settings", SETTINGS)
 
 
@@ -30,17 +40,33 @@ def block(policy, dynamics="siemens"):
     return {"kind": policy, **({"dynamics": dynamics} if policy == "expert" else {})}
 
 
-def row(dynamics, start, steps, discount, policy, setpoint):
-    results = scale(dynamics, start, steps, discount).results
-    return next(r for r in results if (r.policy, r.setpoint) == (policy, setpoint))
+def row(settings, policy, setpoint):
+    return next(r for r in scale(**settings).results if (r.policy, r.setpoint) == (policy, setpoint))
+
+
+def points(settings):
+    return FIRST_VALUES if "drifting" in settings else SETPOINTS
+
+
+def played(settings, policy, setpoint, **options):
+    """The result of an evaluation with the settings of a scale."""
+    options |= {name: value for name, value in settings.items() if name != "drifting"}
+    setpoint = {"drifting": setpoint} if "drifting" in settings else setpoint
+    return evaluate(block(policy, settings["dynamics"]), setpoint, **options).results[0]
+
+
+def test_the_file_has_these_scales_and_no_others():
+    stored = [{name: getattr(s, name) for name in ("dynamics", "start", "steps", "discount", "drifting")}
+              for s in reference().scales]  # fmt: skip
+    assert stored == [{"drifting": False, **settings} for settings in SETTINGS]
 
 
 @settings
 def test_every_policy_has_a_return_at_every_setpoint(settings):
     """All six from the default start, and those that define the scores from the others."""
-    results, default = scale(*settings).results, settings[1] == "default"
+    results, default = scale(**settings).results, settings["start"] == "default"
     found = [(r.policy, r.setpoint) for r in results]
-    assert found == [(policy, p) for policy in (POLICIES if default else ENDS) for p in SETPOINTS]
+    assert found == [(policy, p) for policy in (POLICIES if default else ENDS) for p in points(settings)]
     for r in results:
         low, high = r.interval
         assert low < r.mean_return < high
@@ -50,55 +76,137 @@ def test_every_policy_has_a_return_at_every_setpoint(settings):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("dynamics", "start", "steps", "discount", "policy", "setpoint"),
+    ("settings", "policy", "setpoint"),
     [
-        ("siemens", "default", 100, 0.97, "optimized", 70.0),
-        ("paper", "default", 1000, 1.0, "expert", 85.0),
-        ("siemens", BURN_IN, 1000, 1.0, "expert", 50.0),
-        ("siemens", "uniform", 1000, 1.0, "optimized", 5.0),
+        (SETTINGS[0], "optimized", 70.0),
+        (SETTINGS[3], "expert", 85.0),
+        ({**SETTINGS[1], "start": BURN_IN}, "expert", 50.0),
+        ({**SETTINGS[1], "start": "uniform"}, "optimized", 5.0),
+        (MOVING[0], "safe", 10.0),
+        (MOVING[3], "expert", 90.0),
     ],
 )
-def test_the_file_is_as_measured(dynamics, start, steps, discount, policy, setpoint):
-    stored = row(dynamics, start, steps, discount, policy, setpoint)
-    episodes = scale(dynamics, start, steps, discount).episodes
-    options = {"start": start, "dynamics": dynamics, "steps": steps, "discount": discount}
-    [found] = evaluate(block(policy, dynamics), setpoint, episodes=episodes, **options).results
+def test_the_file_is_as_measured(settings, policy, setpoint):
+    as_stored(settings, policy, setpoint)
+
+
+@pytest.mark.parametrize(("policy", "setpoint"), [("random", 95.0), ("expert", 70.0)])
+def test_the_returns_of_250_steps_are_as_measured(policy, setpoint):
+    as_stored(APART, policy, setpoint)
+
+
+def as_stored(settings, policy, setpoint):
+    stored = row(settings, policy, setpoint)
+    again = played(settings, policy, setpoint, episodes=scale(**settings).episodes)
     for name in ("mean_return", "standard_error", "p10", "mean_reward", "interval"):
-        assert getattr(found, name) == pytest.approx(getattr(stored, name), rel=1e-9)
+        assert getattr(again, name) == pytest.approx(getattr(stored, name), rel=1e-9)
 
 
 @pytest.mark.parametrize("policy", POLICIES)
-def test_other_random_numbers_give_the_same_returns(policy):
-    """Within 5 standard errors of both; a return that is wrong by 10 of them (below 2 %) would show."""
-    for setpoint in (0.0, 100.0):
-        stored = row("siemens", "default", 100, 0.97, policy, setpoint)
-        [found] = evaluate(block(policy), setpoint, episodes=400, seed=1).results
-        error = math.hypot(stored.standard_error, found.standard_error)
-        assert found.mean_return == pytest.approx(stored.mean_return, abs=5 * error)
+@pytest.mark.parametrize("settings", [SETTINGS[0], MOVING[0], MOVING[2]], ids=["constant", "moving", "paper"])
+def test_other_random_numbers_give_the_same_returns(settings, policy):
+    """Within 5 standard errors of both; a return that is wrong by 10 of them, at most 10 %, would show."""
+    for setpoint in (points(settings)[0], points(settings)[-1]):
+        stored = row(settings, policy, setpoint)
+        again = played(settings, policy, setpoint, episodes=400, seed=1)
+        error = math.hypot(stored.standard_error, again.standard_error)
+        assert again.mean_return == pytest.approx(stored.mean_return, abs=5 * error)
+        assert 10 * error < 0.1 * abs(stored.mean_return)
 
 
 @settings
 def test_the_ends_of_every_scale_are_0_and_100(settings):
     """And the expert is better than optimized at every setpoint."""
-    made = scale(*settings)
-    for setpoint in SETPOINTS:
-        rows = [row(*settings, policy, setpoint) for policy in ENDS]
+    made, setpoints = scale(**settings), points(settings)
+    for setpoint in setpoints:
+        rows = [row(settings, policy, setpoint) for policy in ENDS]
         low, high, best = (r.mean_return for r in rows)
         assert [made.score(setpoint, x) for x in (low, high)] == pytest.approx([0.0, 100.0])
         assert [made.score(setpoint, x, "expert") for x in (low, best)] == pytest.approx([0.0, 100.0])
         assert best - high > 3 * math.hypot(rows[1].standard_error, rows[2].standard_error)
-    means = [np.mean([row(*settings, policy, p).mean_return for p in SETPOINTS]) for policy in ENDS]
-    assert made.ends(SETPOINTS) == pytest.approx((means[0], means[1]))
-    assert made.ends(SETPOINTS, "expert") == pytest.approx((means[0], means[2]))
+    means = [np.mean([row(settings, policy, p).mean_return for p in setpoints]) for policy in ENDS]
+    assert made.ends(setpoints) == pytest.approx((means[0], means[1]))
+    assert made.ends(setpoints, "expert") == pytest.approx((means[0], means[2]))
     assert made.ends([70.0, 71.0]) is None
 
 
-def test_the_page_shows_the_rewards_of_the_file():
-    made = script("reference-returns")
-    page = (ROOT / "docs/evaluation.md").read_text(encoding="utf-8")
-    scales = json.loads(made.FILE.read_text(encoding="utf-8"))["scales"]
-    assert measured(page).strip() == made.rewards(scales)
+def stored_scales():
+    return json.loads(STUDY.FILE.read_text(encoding="utf-8"))["scales"]
+
+
+def test_the_pages_show_the_returns_of_the_file():
+    evaluation, references = (
+        (ROOT / f"docs/{page}.md").read_text(encoding="utf-8") for page in ("evaluation", "references")
+    )
+    assert measured(evaluation).strip() == STUDY.rewards(stored_scales())
+    assert measured(references).strip() == STUDY.apart(stored_scales())
     assert reference().made_by == "studies/reference-returns"
+
+
+def test_the_text_about_published_returns_agrees_with_them():
+    ours, theirs = STUDY.returns(stored_scales(), STUDY.APART), STUDY.published()
+    assert list(theirs) == SETPOINTS
+    far = {p for p in SETPOINTS if abs(ours["random", p].mean_return / 100 - theirs[p]["random"]) > 13.0}
+    assert far == {95.0, 35.0, 55.0}
+    above = [ours["expert", p].mean_return / 100 - theirs[p]["expert"] for p in SETPOINTS]
+    assert [f"{x:.1f}" for x in (min(above), max(above))] == ["9.8", "48.2"]
+    text = (ROOT / "docs/references.md").read_text(encoding="utf-8")
+    for p in far:
+        both = f"{theirs[p]['random']:.1f}, ours {STUDY.shown(STUDY.hundredth(ours['random', p]))}"
+        assert both.replace("-", "−") in text
+    assert "by 9.8 to 48.2" in text
+
+
+def moving_rows(table):
+    """The means and errors of a table of moving setpoints, by dynamics and policy."""
+    rows = [line.strip("| ").replace("−", "-").replace("`", "").split(" | ") for line in table.splitlines()]
+    return {(d, policy): [tuple(map(float, x.split(" ± "))) for x in means] for d, policy, *means in rows[2:]}
+
+
+def moving_page():
+    text = (ROOT / "docs/references.md").read_text(encoding="utf-8")
+    return text, moving_rows(measured(text, "measured, moving").strip())
+
+
+@pytest.mark.parametrize(
+    ("episodes", "seed", "errors"), [(60, 1, 5.0), pytest.param(1000, 0, 0.0, marks=pytest.mark.slow)]
+)
+def test_the_page_shows_the_rewards_of_moving_setpoints(episodes, seed, errors):
+    """The last column within 5 standard errors for other random numbers; 9 % more or less would show."""
+    _, page = moving_page()
+    again = moving_rows(STUDY.moving(stored_scales(), episodes, seed))
+    assert list(page) == list(again)
+    for (*shown, (mean, error)), (*made, (other, other_error)) in zip(
+        page.values(), again.values(), strict=True
+    ):
+        assert shown == made
+        allowed = errors * math.hypot(error, other_error)
+        assert abs(mean - other) <= allowed
+        assert 2 * allowed < 0.09 * abs(mean)
+
+
+def test_the_text_about_moving_setpoints_agrees_with_the_table():
+    text, page = moving_page()
+    best = ["expert", "optimized", "zero", "safe"]
+    orders = {"siemens": [*best, "mediocre", "random"], "paper": [*best, "random", "mediocre"]}
+    for dynamics, order in orders.items():
+        for column in range(3):
+            means = [page[dynamics, policy][column][0] for policy in order]
+            assert means == sorted(means, reverse=True)
+        for policy in order:
+            (moved, error), _, (still, other) = page[dynamics, policy]
+            cost, scatter = still - moved, math.hypot(error, other)
+            if policy in ("expert", "optimized"):
+                assert f"{cost:.1f} ± {scatter:.1f}" in text
+            else:
+                assert cost < 3 * scatter
+                assert abs(cost) < 2.5
+
+
+@pytest.mark.parametrize(("dynamics", "setpoint"), [("siemens", 50.0), ("paper", 79.0)])
+def test_moving_setpoints_are_on_average_where_the_page_says(dynamics, setpoint):
+    """Within 5 standard errors of about 0.9."""
+    assert STUDY.visited(dynamics, 20, 1).mean(axis=0) @ SETPOINTS == pytest.approx(setpoint, abs=4.5)
 
 
 def made_up(low, high, error):
@@ -122,12 +230,22 @@ def test_a_score_needs_ends_that_are_five_standard_errors_apart():
 
 
 @pytest.mark.parametrize(
-    "settings",
+    "changes",
     [
-        ("siemens", {"burn_in": [1, 2]}, 100, 0.97),
-        ("siemens", "default", 100, 1.0),
-        ({"base": "siemens"}, "default", 100, 0.97),
+        {"start": {"burn_in": [1, 2]}},
+        {"discount": 1.0},
+        {"dynamics": {"base": "siemens"}},
+        {"start": "uniform", "drifting": True},
+        {"steps": 250, "discount": 1.0, "drifting": True},
     ],
 )
-def test_only_equal_things_are_compared(settings):
-    assert scale(*settings) is None
+def test_only_equal_things_are_compared(changes):
+    assert scale(**{**SETTINGS[0], **changes}) is None
+
+
+def test_moving_setpoints_and_constant_ones_are_told_apart():
+    still, moving = scale(**SETTINGS[0]), scale(**MOVING[0])
+    assert [s.drifting for s in (still, moving)] == [False, True]
+    assert moving.text == still.text.replace("same setpoint", "same first value of the moving setpoint")
+    assert moving.score(75.0, -7000.0) is None
+    assert moving.score(70.0, -7000.0) != still.score(70.0, -7000.0)

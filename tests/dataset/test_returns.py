@@ -48,17 +48,35 @@ def test_whole_episodes_from_the_default_start_have_a_score(whole):
     assert found["results"][1]["reference_score"] == made.score(70.0, found["results"][1]["mean_return"])
     assert found["scale"] == made.text
     assert "reference score: 0 = random, 100 = optimized" in shown(whole.path)
+    assert "at the same setpoint: " in shown(whole.path)
 
 
 @pytest.mark.parametrize(
     "changes",
-    [{"start": {"burn_in": [1, 2]}}, {"setpoints": {"drifting": 70}}],
+    [{"start": {"burn_in": [1, 2]}}, {"setpoints": {"drifting": 75}}, {"setpoints": 75, "steps": 999}],
+    ids=["start", "first value", "steps"],
 )
 def test_other_episodes_have_none(describe, tmp_path, changes):
     experiment = describe(**{"setpoints": [70], "steps": 1000, "episodes": 1, **changes})
     found = ibdata.generate(experiment, tmp_path / "made", workers=1).returns()
     assert [r["reference_score"] for r in found["results"]] == [None, None]
     assert found["scale"] is None
+
+
+@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
+def test_moving_setpoints_have_a_scale_of_their_own(describe, tmp_path, dynamics):
+    """A first value is no constant setpoint; the two scales differ by more than the returns scatter."""
+    changes = {"setpoints": {"drifting": [30, 70]}, "steps": 1000, "policies": [{"kind": "optimized"}]}
+    made = ibdata.generate(describe(**changes, dynamics=dynamics), tmp_path / "made", workers=1)
+    found, moving = made.returns(), scale(dynamics, "default", 1000, 1.0, drifting=True)
+    for result in found["results"]:
+        assert result["reference_score"] == moving.score(result["setpoint"], result["mean_return"])
+        assert result["reference_score"] != scale(dynamics, "default", 1000, 1.0).score(
+            result["setpoint"], result["mean_return"]
+        )
+    assert found["scale"] == moving.text
+    assert "at the same first value of the moving setpoint: " in shown(made.path)
+    assert "first value of the moving setpoint" in (made.path / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

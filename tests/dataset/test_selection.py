@@ -1,5 +1,7 @@
 """Rows by setpoint, policy and split."""
 
+import math
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,6 +18,14 @@ SELECTIONS = {
     "with a split": {"split": "target", "policy": "random"},
     "with a label": {"split": "calm", "setpoint": [70]},
     "splits": {"split": ["calm", "target"]},
+}
+# Conditions of `select` alone. The median return at 70 is an end, which is included.
+CHOICES = {
+    "an episode": {"episodes": 2},
+    "a range": {"episodes": range(1, 9), "policy": "random"},
+    "an array": {"episodes": np.array([7, 0]), "split": ["source", "target"]},
+    "high returns": {"returns": ("median", None), "setpoint": 70},
+    "low returns": {"returns": (None, "median"), "split": "calm"},
 }
 
 
@@ -34,7 +44,7 @@ def one_file(describe, made_at, tmp_path_factory):
     return ibdata.split(made.path, by="policy")
 
 
-def by_hand(dataset, setpoint=None, policy=None, split=None):
+def by_hand(dataset, setpoint=None, policy=None, split=None, episodes=None, returns=(None, None)):
     """The rows of the episodes that a look at each of them selects."""
     chosen = [
         row["episode"]
@@ -42,6 +52,9 @@ def by_hand(dataset, setpoint=None, policy=None, split=None):
         if (setpoint is None or row["setpoint"] in list(np.atleast_1d(setpoint)))
         and (policy is None or row["policy"] in np.atleast_1d(policy).tolist())
         and (split is None or set(row["splits"]) & set(np.atleast_1d(split)))
+        and (episodes is None or row["episode"] in np.atleast_1d(episodes).tolist())
+        and (returns[0] is None or row["return"] >= returns[0])
+        and (returns[1] is None or row["return"] <= returns[1])
     ]
     rows = dataset.to_pandas()
     return rows[rows["episode"].isin(chosen)]
@@ -55,14 +68,50 @@ def test_rows_that_meet_all_conditions_come_in_order(request, which, selection):
     assert 0 < len(expected) == len(selected)
     assert sorted(selected.episodes["episode"]) == sorted(expected["episode"].unique())
     for rows, conditions in ((dataset, selection), (selected, {})):
-        frame = rows.to_pandas(**conditions)
-        pd.testing.assert_frame_equal(frame, expected, check_categorical=False)
-        batches = list(rows.iter_batches(["episode", "step"], batch_rows=30, **conditions))
-        steps = [step for batch in batches for step in batch["step"].to_pylist()]
-        assert steps == expected["step"].tolist()
-        arrays = rows.arrays(history=2, **conditions)
-        assert arrays["rewards"].tolist() == expected["reward"].tolist()
-        assert arrays["observations"].shape == (len(expected), 12)
+        assert_rows(rows, expected, **conditions)
+
+
+@pytest.mark.parametrize("which", ["labelled", "one_file"])
+@pytest.mark.parametrize("choice", CHOICES.values(), ids=CHOICES)
+def test_chosen_episodes_are_read_in_order(request, which, choice):
+    dataset = request.getfixturevalue(which)
+    median = dataset.episodes["return"][dataset.episodes["setpoint"] == 70].sort_values().iloc[2]
+    if "returns" in choice:
+        choice = {**choice, "returns": tuple(median if end == "median" else end for end in choice["returns"])}
+    expected = by_hand(dataset, **choice)
+    assert 0 < expected["episode"].nunique() < len(dataset.episodes)
+    assert_rows(dataset.select(**choice), expected)
+
+
+def assert_rows(rows, expected, **conditions):
+    """All ways to read rows give the expected ones."""
+    frame = rows.to_pandas(**conditions)
+    pd.testing.assert_frame_equal(frame, expected, check_categorical=False)
+    batches = list(rows.iter_batches(["episode", "step"], batch_rows=30, **conditions))
+    steps = [step for batch in batches for step in batch["step"].to_pylist()]
+    assert steps == expected["step"].tolist()
+    arrays = rows.arrays(history=2, **conditions)
+    assert arrays["rewards"].tolist() == expected["reward"].tolist()
+    assert arrays["observations"].shape == (len(expected), 12)
+
+
+@pytest.mark.parametrize(
+    ("choice", "line"),
+    [
+        ({"episodes": 12}, "episodes: found 12, expected one of 0 to 11"),
+        ({"episodes": [3, -1]}, "episodes: found -1, expected one of 0 to 11"),
+        ({"episodes": []}, "episodes: found [], expected whole numbers"),
+        ({"episodes": 1.5}, "episodes: found 1.5, expected a whole number"),
+        ({"returns": (2.0, 1.0)}, "returns: found [2.0, 1.0], expected the lowest and the highest one"),
+        ({"returns": (1.0,)}, "returns: found [1.0], expected the lowest and the highest one"),
+        ({"returns": (math.nan, None)}, "returns: found [nan, None], expected the lowest and the highest"),
+        ({"returns": -3.0}, "returns: found -3.0, expected a list of numbers or None"),
+    ],
+)
+def test_a_wrong_choice_is_one_line(labelled, choice, line):
+    with pytest.raises(UsageError) as error:
+        labelled.select(**choice)
+    assert str(error.value).startswith(line)
 
 
 @pytest.mark.parametrize("which", ["labelled", "one_file"])
@@ -121,9 +170,13 @@ def test_an_empty_selection_has_no_rows_to_read(labelled):
         nothing.head,
         lambda: ibdata.quality(nothing),
     ):
-        with pytest.raises(UsageError, match=r"^split, setpoint, policy: found no episode that meets all"):
+        with pytest.raises(
+            UsageError, match=r"^split, setpoint, policy, episodes, returns: found no episode that meets all"
+        ):
             read()
-    with pytest.raises(UsageError, match=r"^split, setpoint, policy: found no episode that meets all"):
+    with pytest.raises(
+        UsageError, match=r"^split, setpoint, policy, episodes, returns: found no episode that meets all"
+    ):
         labelled.table(split="source", setpoint=70)
 
 

@@ -26,8 +26,8 @@ def test_it_is_short_and_begins_with_the_two_commands():
 
 
 @pytest.mark.slow
-def test_the_ten_lines_print_what_they_say(tmp_path: Path):
-    section = TEXT[TEXT.index("## Ten lines") : TEXT.index("## Paper or siemens?")]
+def test_the_lines_of_your_own_experiment_print_what_they_say(tmp_path: Path):
+    section = TEXT[TEXT.index("## Your own") : TEXT.index("## Paper or siemens?")]
     check_guide(section, tmp_path)
 
 

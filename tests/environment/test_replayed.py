@@ -104,10 +104,11 @@ def test_the_first_observations_are_those_of_the_burn_in(played):
 @pytest.mark.parametrize(
     "view",
     [
-        {"observe": "markov", "reward_scale": 0.01},
+        {"observe": "markov", "reward_scale": 0.01, "cost": "runaway"},
         {"observe": ["latent_mu_g", "obs_fatigue"], "reward": {"consumption": 1, "fatigue": 1}},
         {
             "actions": True,
+            "cost": {"fatigue": 40},
             "reward": "delta",
             "reward_scale": 0.1,
             "imperfections": {
@@ -132,21 +133,22 @@ def test_a_replay_through_a_view_shows_its_rows(played, view):
                 [noise.random_raw(8 + 4 * simulation.settings.world.drifting) for noise in noises]
             )
             if isinstance(simulation, Lane):
-                seen, reward, _ = simulation.move(tuple(actions[7, t].tolist()), drawn[0])
-                after, rewards = seen[None], [reward]
+                seen, reward, info = simulation.move(tuple(actions[7, t].tolist()), drawn[0])
+                after, rewards, costs = seen[None], [reward], [info.get("cost")]
             else:
                 taken = iter(np.split(drawn.T[None], [8], axis=1))
                 draw = lambda *_, taken=taken: next(taken)  # noqa: E731
                 rewards = simulation.step(simulation.everyone, actions[:, t], draw)
-                after = simulation.observations()
-            shown |= {(e, t): (before[i], after[i], rewards[i]) for i, e in enumerate(episodes)}
+                after, costs = simulation.observations(), simulation.info().get("cost", [None] * 12)
+            shown |= {(e, t): (before[i], after[i], rewards[i], costs[i]) for i, e in enumerate(episodes)}
         rows = [row for row, e in enumerate(arrays["episode"]) if e in episodes]
         assert len(rows) >= 39 * len(episodes)
         for row in rows:
-            before, after, reward = shown[arrays["episode"][row], arrays["step"][row]]
+            before, after, reward, cost = shown[arrays["episode"][row], arrays["step"][row]]
             np.testing.assert_array_equal(before, arrays["observations"][row])
             np.testing.assert_array_equal(after, arrays["next_observations"][row])
             assert np.float32(reward) == arrays["rewards"][row]
+            assert cost == (arrays["costs"][row] if "cost" in view else None)
 
 
 def test_the_noise_goes_on_after_the_end_of_the_episode(describe, tmp_path):

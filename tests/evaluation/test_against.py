@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.evaluating import LITERATURE
 from helpers.evaluating import baseline as made
 
 import ibdata
@@ -39,9 +40,9 @@ def test_an_algorithm_has_a_line_over_its_seeds(shipped):
     lines = [("behaviour", 1), ("bc", 2), ("cql", 0)]
     assert shown == [(policy, *line) for policy in ("safe", "optimized") for line in lines]
     behaviour, bc, cql = found.baselines[3:]
-    assert behaviour[3:6] == pytest.approx([-6100.0] * 3)
-    assert bc[3:6] == pytest.approx([-5990.0, -6000.0, -5980.0])
-    assert cql[3:6] == cql[7:] == (None, None, None)
+    assert behaviour[4:7] == pytest.approx([-6100.0] * 3)
+    assert bc[4:7] == pytest.approx([-5990.0, -6000.0, -5980.0])
+    assert cql[4:7] == cql[8:] == (None, None, None)
     expected = found.returns[1, 0] - (OWN + 10.0)
     assert bc.mean_difference == pytest.approx(expected.mean(), abs=0.01)
     assert bc.standard_error == pytest.approx(expected.std(ddof=1) / np.sqrt(200), rel=1e-4)
@@ -51,6 +52,54 @@ def test_the_shipped_behaviour_does_not_differ_from_itself():
     behaviour, *_ = ibdata.evaluate("optimized", against="optimized-0").baselines
     assert abs(behaviour.mean_difference) < 0.001
     assert behaviour.standard_error < 0.001
+
+
+TWO = {**LITERATURE, "setpoint": [20.0, 50.0], "episodes": 3, "steps": 4}
+ANYWHERE = {**TWO, "start": {"burn_in": [2, 5]}, "discount": 1.0}
+
+
+@pytest.fixture
+def evaluated_twice(monkeypatch):
+    """A set whose run was evaluated with two settings, beside a set of the same last name."""
+    both = [np.arange(6.0).reshape(2, 3) - offset for offset in (1000.0, 2000.0)]
+    line = made(both[0], TWO, set="random", algorithm="bc", seed=0, trained_on="1 episode each")
+    anywhere = made(both[1], ANYWHERE, set="random", algorithm="bc", seed=0).evaluations
+    line = line.model_copy(update={"evaluations": [*line.evaluations, *anywhere]})
+    other = baseline("d4rl-like/random", "bc", 0, OWN)
+    monkeypatch.setattr(against, "shipped_baselines", lambda: [line, other])
+
+
+@pytest.mark.parametrize(
+    ("given", "settings", "base"),
+    [
+        ({}, TWO, 1000.0),
+        ({"setpoint": {"start": 20, "stop": 50, "step": 30}, "steps": 4.0}, TWO, 1000.0),
+        ({"start": {"burn_in": [2, 5]}}, ANYWHERE, 2000.0),
+        ({"discount": 1}, ANYWHERE, 2000.0),
+    ],
+)
+def test_settings_are_those_of_the_first_evaluation_that_agrees(evaluated_twice, given, settings, base):
+    found = ibdata.evaluate("safe", against="random", **given)
+    assert np.array_equal(found.returns, ibdata.evaluate("safe", **settings).returns)
+    [line] = found.baselines
+    assert (line.set, line.trained_on, line.seeds) == ("random", "1 episode each", 1)
+    assert line.mean_return == pytest.approx(2.5 - base)
+    assert line.mean_difference == pytest.approx(found.returns.mean() - 2.5 + base, abs=0.01)
+    assert found.notes[0].startswith("against random: setpoint [20.0, 50.0], start ")
+
+
+def test_settings_that_agree_with_no_evaluation_are_refused_beside_the_nearest(evaluated_twice):
+    message = r"--steps: found 7, expected 4: .* start \{'burn_in': \[2, 5\]\}, .* discount 1,"
+    with pytest.raises(IbdataError, match=message):
+        ibdata.evaluate("safe", against="random", discount=1, start={"burn_in": [2, 5]}, steps=7)
+
+
+def test_every_shipped_set_compares_a_policy_in_its_own_episodes():
+    """Known policies are played again with the returns that are stored."""
+    for name in ("random", "safe", "transfer", "drifting", "random-paper", "setpoints/random"):
+        found = ibdata.evaluate({"again": "mediocre"}, against=name)
+        [line] = [line for line in found.baselines if line.algorithm == "mediocre"]
+        assert abs(line.mean_difference) < 0.001
 
 
 def test_baselines_are_there_only_if_asked_for(shipped):
@@ -70,11 +119,11 @@ def still(observations):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"episodes": 100}, "episodes: found 100, expected 200"),
+        ({"episodes": 100}, "--episodes: found 100, expected 200: --against optimized-40 compares"),
         ({"steps": 50}, "steps: found 50, expected 100"),
         ({"discount": 0.99}, "discount: found 0.99, expected 0.97"),
         ({"setpoint": 50}, "setpoint: found 50, expected 70"),
-        ({"setpoint": [70, 50]}, "setpoint: found [70.0, 50.0], expected 70"),
+        ({"setpoint": [70, 50]}, "--setpoint: found [70.0, 50.0], expected 70"),
         ({"start": {"burn_in": [1, 2]}}, "start: found {'burn_in': [1, 2]}, expected default"),
         ({"dynamics": "paper"}, "dynamics: found paper, expected siemens"),
         ({"seed": 1}, "seed: found 1, expected 0"),

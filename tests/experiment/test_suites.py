@@ -165,6 +165,7 @@ def test_the_experiments_of_papers_have_their_sizes():
     ("suite", "sizes"),
     [
         ("neorl-like", {99_000: 3}),
+        ("setpoints", {262_500: 2}),
         ("d4rl-like", {1_000_000: 4, 2_000_000: 1}),
         ("d4rl-like-all", {1_000_000: 4, 2_000_000: 1}),
     ],
@@ -172,7 +173,17 @@ def test_the_experiments_of_papers_have_their_sizes():
 def test_every_set_of_a_suite_has_its_size(suite, sizes):
     rows = [each.rows for each in load_all(suite)]
     assert {size: rows.count(size) for size in rows} == sizes
-    assert suite == "neorl-like" or load(f"{suite}/medium-expert").rows == 2_000_000
+    assert not suite.startswith("d4rl") or load(f"{suite}/medium-expert").rows == 2_000_000
+
+
+def test_setpoints_apart_are_those_of_the_protocol():
+    sets = load_all("setpoints")
+    assert [made.labels for made in sets] == [("expert",), ("random",)]
+    for made in sets:
+        assert [cell.setpoint for cell in made.cells] == [5.0 * i for i in range(21)]
+        points = {name: split.setpoint for name, split in made.splits.items()}
+        assert points == {"train": list(range(0, 80, 5)), "test": list(range(80, 101, 5))}
+        assert (made.dynamics, made.start, made.steps, made.episodes) == ("siemens", "default", 250, 50)
 
 
 @pytest.mark.parametrize("name", NEORL)

@@ -146,6 +146,14 @@ def test_a_normalized_score_is_that_of_the_dataset(long, exported):
     assert found == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.parametrize(("first", "known"), [([30, 70], True), ([30, 75], False)])
+def test_the_ends_of_moving_setpoints_are_those_of_their_scale(first, known, exported, tmp_path):
+    plain = {"name": "moving", "setpoints": {"drifting": first}, "policies": ["random"], "steps": 1000}
+    metadata = exported(ibdata.generate(plain, tmp_path / "moving", workers=1)).metadata
+    ends = scale("siemens", "default", 1000, 1.0, drifting=True).ends(first) if known else None
+    assert (metadata.get("ref_min_score"), metadata.get("ref_max_score")) == (ends or (None, None))
+
+
 @pytest.mark.parametrize("view", [{"reward": "delta"}, {"observe": "markov"}], ids=["reward", "left out"])
 def test_other_rewards_and_lengths_have_no_score(long, exported, view):
     assert not {"ref_min_score", "ref_max_score"} & exported(long, view=view).metadata.keys()

@@ -10,12 +10,15 @@ import numpy as np
 from helpers.policies import policy_of
 from ibdata import evaluate
 from ibdata.errors import UsageError
-from ibdata.evaluation.baselines import Baseline, measured
+from ibdata.evaluation.baselines import WHOLE, Baseline, measured
 from ibdata.evaluation.importance import of_ratios
 from ibdata.evaluation.overlap import Recorded, log_ratios, refuse_remembered_draws
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
 
+# The evaluation of the sets at setpoint 70.
+LITERATURE = {"setpoint": 70.0, "start": "default", "dynamics": "siemens", "steps": 100, "discount": 0.97}
+LITERATURE |= {"episodes": 200, "seed": 0}
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
 FEW, STEPS = 1000, 3  # of the episodes in memory
 BAD = {"kind": "bad"}
@@ -44,17 +47,18 @@ def returns(policy, setpoint=70.0, **settings):
     return evaluate(policy, setpoint, **{"steps": 30, "episodes": 4, **settings}).returns[0]
 
 
-def baseline(returns: Any, **run: Any) -> Baseline:
-    """The line of a run, given by `set`, `algorithm` and `seed`, with these returns."""
+def baseline(returns: Any, settings: dict[str, Any] = LITERATURE, **run: Any) -> Baseline:
+    """The line of a run, given by `set`, `algorithm` and `seed`, with these returns (episodes,) or none."""
+    evaluated = measured(settings, None if returns is None else np.atleast_2d(returns))
     return Baseline(
-        **run,
+        **{"trained_on": WHOLE, **run},
+        evaluations=[evaluated],
         training_steps=1,
         seconds=1.0,
         cpu_seconds=1.0,
         content_root="0" * 64,
         hyperparameters={},
         versions={},
-        **measured(returns),
     )
 
 

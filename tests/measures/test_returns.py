@@ -56,7 +56,17 @@ def test_without_references_there_is_no_trajectory_quality(info):
     assert return_measures(table((70, 1000, -2e5), (69, 1000, -2e5)), info).trajectory_quality is None
     assert return_measures(table((70, 1000, -2e5), (70, 40, -2e5)), info).trajectory_quality is None
     moving = info.model_copy(update={"drifting": True})
-    assert return_measures(table((70, 1000, -2e5)), moving).trajectory_quality is None
+    assert return_measures(table((75, 1000, -2e5)), moving).trajectory_quality is None
+    assert return_measures(table((75, 1000, -2e5)), info).trajectory_quality is not None
+
+
+def test_moving_setpoints_have_references_of_their_own(info):
+    moving = info.model_copy(update={"drifting": True})
+    for described, drifting in ((info, False), (moving, True)):
+        known = scale("siemens", "default", 1000, 1.0, drifting=drifting)
+        low, high = known.ends([70.0], "expert")
+        found = return_measures(table((70, 1000, (low + high) / 2)), described)
+        assert found.trajectory_quality == pytest.approx(0.5)
 
 
 def test_returns_under_different_dynamics_are_not_compared(info):

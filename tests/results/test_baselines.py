@@ -8,16 +8,16 @@ import sys
 import numpy as np
 import pytest
 from helpers import ROOT, script
-from helpers.evaluating import baseline
+from helpers.evaluating import LITERATURE, baseline
 
 import ibdata
-from ibdata.evaluation.baselines import FILE, Baseline, measured, shipped_baselines
+from ibdata.evaluation.baselines import FILE, WHOLE, Baseline, measured, shipped_baselines
 from ibdata.policies import expert
 from measuring.documents import measured as tables_of
 from training import baselines_page as page
 from training.runner import Runner
 
-LINES = shipped_baselines()
+LINES = shipped_baselines([FILE])
 PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
 
 
@@ -46,13 +46,15 @@ def line(run, shift=0.0) -> Baseline:
 
 def test_a_line_keeps_the_returns_and_their_statistics(baselines):
     returns = np.random.default_rng(0).normal(-6000.0, 50.0, 200)
-    made = line(baselines.plan()[0]).model_copy(update=measured(returns))
-    kept = Baseline.model_validate_json(made.model_dump_json())
-    np.testing.assert_allclose(kept.values, returns, rtol=1e-7)
+    made = line(baselines.plan()[0]).model_copy(update={"evaluations": [measured(LITERATURE, returns[None])]})
+    [kept] = Baseline.model_validate_json(made.model_dump_json()).evaluations
+    np.testing.assert_allclose(kept.values, [returns], rtol=1e-7)
     assert kept.mean_return == pytest.approx(returns.mean())
     assert kept.standard_error == pytest.approx(returns.std(ddof=1) / np.sqrt(200), rel=1e-4)
     assert kept.p10 == pytest.approx(np.quantile(returns, 0.1))
-    assert set(measured(None).values()) == {None}
+    failed = measured(LITERATURE, None, "NaN")
+    assert (failed.mean_return, failed.values, failed.failure) == (None, None, "NaN")
+    assert kept.settings == failed.settings == LITERATURE
 
 
 def test_the_script_makes_what_is_missing_and_says_so(baselines, run, tmp_path):
@@ -61,7 +63,7 @@ def test_the_script_makes_what_is_missing_and_says_so(baselines, run, tmp_path):
 
     def make(key, data):
         made.append(key)
-        kept.append(len(shipped_baselines(tmp_path / "x.jsonl")))
+        kept.append(len(shipped_baselines([tmp_path / "x.jsonl"])))
         return line(key)
 
     run([plan[1]])
@@ -73,7 +75,7 @@ def test_the_script_makes_what_is_missing_and_says_so(baselines, run, tmp_path):
     assert len(made) == 5
     lines, printed = run(plan, "--list")
     assert printed[2] == (
-        "3/6 siemens-offline/bad-0 bc 0: return -65.00 ± 0.21, 10th percentile -69.00, in hundreds"
+        "3/6 siemens-offline/bad-0 whole set bc 0: return -65.00 ± 0.21, 10th percentile -69.00, in hundreds"
     )
 
 
@@ -87,8 +89,10 @@ def test_a_run_that_fails_leaves_no_result_and_the_others_go_on(baselines, run, 
 
     with pytest.raises(SystemExit, match="failed: 1 of 4 runs"):
         run(plan, made=made)
-    assert shipped_baselines(tmp_path / "x.jsonl") == [line(key) for key in (plan[0], *plan[2:])]
-    assert "2/4 siemens-offline/optimized-80 behaviour: failed\nTraceback" in capsys.readouterr().err
+    assert shipped_baselines([tmp_path / "x.jsonl"]) == [line(key) for key in (plan[0], *plan[2:])]
+    assert (
+        "2/4 siemens-offline/optimized-80 whole set behaviour: failed\nTraceback" in capsys.readouterr().err
+    )
 
 
 def test_the_page_holds_the_results_that_were_run_and_no_others(baselines):
@@ -126,9 +130,9 @@ def test_the_expert_is_no_bound_over_100_steps(setpoint, velocity, gain, said, m
 
 
 def test_tables_show_means_of_seeds_and_dashes_for_gaps(baselines):
-    runs = [baselines.Run("siemens-offline/bad-0", "bc", seed) for seed in (0, 1)]
-    runs.append(baselines.Run("siemens-offline/bad-0", "cql", 0))
-    failed = line(runs[2]).model_copy(update={**measured(None), "failure": "NaN"})
+    runs = [baselines.Run("siemens-offline/bad-0", WHOLE, "bc", seed) for seed in (0, 1)]
+    runs.append(baselines.Run("siemens-offline/bad-0", WHOLE, "cql", 0))
+    failed = line(runs[2]).model_copy(update={"evaluations": [measured(LITERATURE, None, "NaN")]})
     block = page.block([line(runs[0]), line(runs[1], shift=100.0), failed], baselines.plan())
     assert block.startswith("3 of 341 runs are done; ")
     rows = [text for text in block.splitlines() if text.startswith("| `siemens-offline/bad-0`")]
@@ -137,8 +141,8 @@ def test_tables_show_means_of_seeds_and_dashes_for_gaps(baselines):
 
 def test_runs_are_counted_by_their_paired_difference(baselines):
     def of(name, algorithm, returns):
-        run = baselines.Run(name, algorithm, None if algorithm == "behaviour" else 0)
-        return line(run).model_copy(update=measured(returns))
+        run = baselines.Run(name, WHOLE, algorithm, None if algorithm == "behaviour" else 0)
+        return baseline(returns, **run._asdict())
 
     own = np.random.default_rng(0).normal(-6000.0, 50.0, 200)
     noise = np.where(np.arange(200) % 2, 1.0, -1.0)
@@ -165,9 +169,10 @@ def test_runs_are_counted_by_their_paired_difference(baselines):
 def test_shipped_lines_are_those_of_the_plan_in_its_order(baselines):
     keys = [baselines.Run(*each.key) for each in LINES]
     assert keys == [run for run in baselines.plan() if run in set(keys)]
-    assert FILE.stat().st_size < 650_000
+    assert FILE.stat().st_size < 750_000
     for each in LINES:
-        assert {name: getattr(each, name) for name in measured(None)} == measured(each.values)
+        [evaluated] = each.evaluations
+        assert evaluated == measured(LITERATURE, evaluated.values)
 
 
 def test_the_behaviour_is_played_again_with_the_same_returns(baselines, monkeypatch):
@@ -177,15 +182,18 @@ def test_the_behaviour_is_played_again_with_the_same_returns(baselines, monkeypa
     monkeypatch.setattr(baselines.runner, "dataset", lambda name, data: Dataset)
     shipped = {each.set: each for each in LINES if each.algorithm == "behaviour"}
     for name in ("siemens-offline/optimized-40", "siemens-offline/bad-0"):
-        again = baselines.behaviour(baselines.Run(name, "behaviour", None), None)
-        assert again.returns == shipped[name].returns
+        again = baselines.behaviour(baselines.Run(name, WHOLE, "behaviour", None), None)
+        assert again.evaluations == shipped[name].evaluations
 
 
-def test_the_data_frame_has_a_row_per_line():
+def test_the_data_frame_has_a_row_per_evaluation():
     frame = ibdata.baselines()
-    assert len(frame) == len(LINES) > 0
-    assert frame["seed"].isna().sum() == (frame["algorithm"] == "behaviour").sum()
-    assert frame["returns"].dropna().map(np.shape).unique().tolist() == [(200,)]
+    assert len(frame) == sum(len(each.evaluations) for each in shipped_baselines()) >= len(LINES) > 0
+    known = frame["trained_on"].eq("nothing") | frame["algorithm"].eq("behaviour")
+    assert frame["seed"].isna().equals(known)
+    assert [x.shape[1] for x in frame["returns"].dropna()] == frame.dropna(subset="returns")[
+        "episodes"
+    ].tolist()
     row = frame.iloc[0]
     assert row["mean_return"] == pytest.approx(row["returns"].mean())
 
@@ -195,7 +203,9 @@ def test_published_percentiles_stand_beside_the_seeds_mean():
     assert frame.groupby("algorithm")["set"].nunique().to_dict() == dict.fromkeys(frame["algorithm"], 16)
     assert frame["published_p10"].between(-33_000, -5_800).all()
     (row,) = frame[(frame["set"] == "siemens-offline/bad-40") & (frame["algorithm"] == "td3+bc")].itertuples()
-    seeds = [each.p10 for each in LINES if (each.set, each.algorithm) == (row.set, row.algorithm)]
+    seeds = [
+        each.evaluations[0].p10 for each in LINES if (each.set, each.algorithm) == (row.set, row.algorithm)
+    ]
     assert (row.published_p10, len(seeds)) == (-23_000, 3)
     assert row.p10 == pytest.approx(np.mean(seeds))
     assert row.difference == pytest.approx(row.p10 - row.published_p10)

@@ -11,7 +11,8 @@ import pytest
 from helpers import ROOT, script
 
 import ibdata
-from ibdata.evaluation.baselines import shipped_baselines
+from ibdata.dataset.reference_returns import scale
+from ibdata.evaluation.baselines import FILE, shipped_baselines
 from ibdata.experiment import shipped
 from measuring.documents import measured
 
@@ -63,7 +64,7 @@ def test_other_documents_name_the_same_roots():
     whole = {name: q for name, q in QUALITY.items() if q["episodes"] == CANONICAL[name]["episodes"]}
     assert len(whole) > 20
     roots = {(name, found["content_root"]) for name, found in whole.items()}
-    roots |= {(line.set, line.content_root) for line in shipped_baselines()}
+    roots |= {(line.set, line.content_root) for line in shipped_baselines([FILE])}
     assert {name: root for name, root in roots if root != CANONICAL[name]["content_root"]} == {}
 
 
@@ -71,7 +72,14 @@ def test_the_text_about_quality_agrees_with_the_table():
     worse = {name for name, found in QUALITY.items() if (found["trajectory_quality"] or 0.0) < -0.1}
     sets = {f"siemens-offline/{name}" for name in ("mediocre-60", "mediocre-80")}
     sets |= {f"siemens-offline/bad-{share}" for share in (0, 20, 40, 60, 80)}
-    assert worse == sets | {"d4rl-like/medium-replay", "d4rl-like-all/medium-replay", "neorl-like/low"}
+    sets |= {"drifting", "d4rl-like/medium-replay", "d4rl-like-all/medium-replay", "neorl-like/low"}
+    assert worse == sets
+    random, expert = scale("siemens", "default", 1000, 1.0, drifting=True).ends(
+        [10, 30, 50, 70, 90], "expert"
+    )
+    error = CANONICAL["drifting"]["standard_error"] / (expert - random)
+    drifting = f"{QUALITY['drifting']['trajectory_quality']:.2f} ± {error:.2f}"
+    assert drifting.replace("-", "−") in page("quality")
     assert [QUALITY[f"siemens-offline/{name}-0"]["pairs"] for name in ("bad", "mediocre")] == [14, 12]
     covered = [
         QUALITY[f"siemens-offline/{name}-80"]["state_action_coverage"] for name in ("bad", "optimized")

@@ -6,6 +6,7 @@ from d3rlpy.dataset import InfiniteBuffer, ReplayBuffer
 from helpers import script
 
 import ibdata
+from ibdata.evaluation.baselines import WHOLE
 from training import offline
 
 SMALL = ["episodes=3", "steps=200"]
@@ -67,11 +68,12 @@ def baselines(small, monkeypatch):
 
 
 def test_a_result_is_what_evaluate_measures_of_the_policy(small, rows, baselines):
-    line = baselines.learned(baselines.Run("siemens-offline/optimized-40", "bc", 1), None, steps=20)
+    line = baselines.learned(baselines.Run("siemens-offline/optimized-40", WHOLE, "bc", 1), None, steps=20)
     policy, _ = offline.train("bc", rows, seed=1, steps=20)
     found = ibdata.evaluate(policy, 70, history=30, episodes=200)
-    assert line.values.tolist() == found.returns[0, 0].astype(np.float32).tolist()
-    assert (line.mean_return, line.standard_error, line.p10) == pytest.approx(
+    [kept] = line.evaluations
+    assert kept.values.tolist() == found.returns[0].astype(np.float32).tolist()
+    assert (kept.mean_return, kept.standard_error, kept.p10) == pytest.approx(
         (found.results[0].mean_return, found.results[0].standard_error, found.results[0].p10), rel=1e-4
     )
     assert line.content_root == small.content_root
@@ -84,7 +86,8 @@ def test_a_policy_that_fails_is_a_result(baselines, monkeypatch):
 
     train = offline.train
     monkeypatch.setattr(offline, "train", lambda *given: (Broken(), train(*given, steps=1)[1]))
-    line = baselines.learned(baselines.Run("siemens-offline/optimized-40", "bc", 0), None)
-    assert line.mean_return is line.values is None
-    assert "expected finite numbers" in line.failure
+    line = baselines.learned(baselines.Run("siemens-offline/optimized-40", WHOLE, "bc", 0), None)
+    [kept] = line.evaluations
+    assert kept.mean_return is kept.values is None
+    assert "expected finite numbers" in kept.failure
     assert baselines.describe(line).startswith("failed: policy broken")

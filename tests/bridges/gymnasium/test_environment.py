@@ -118,9 +118,13 @@ def test_a_picture_shows_the_episode_so_far_without_a_window():
     assert np.array_equal(env.render(), frames[0])
 
 
-PAGE = (ROOT / "docs/environment.md").read_text(encoding="utf-8")
+CODE = [
+    block
+    for page in ("docs/environment.md", "README.md")
+    for block in blocks((ROOT / page).read_text(encoding="utf-8"), "python")
+]
 
 
-@pytest.mark.parametrize("block", [x for x in blocks(PAGE, "python") if "\nimport gymnasium\n" in f"\n{x}"])
+@pytest.mark.parametrize("block", [x for x in CODE if "\nimport gymnasium\n" in f"\n{x}" or ".make(" in x])
 def test_a_snippet_with_gymnasium_runs(tmp_path, block):
     subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=tmp_path, check=True)

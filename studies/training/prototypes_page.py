@@ -1,0 +1,185 @@
+"""The tables of docs/prototypes.md, from the runs of studies/prototypes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ibdata.evaluation.baselines import BEHAVIOUR, Baseline
+from measuring.documents import DOCS, replaced, table
+from training import formulas, setpoint_map
+from training.plan import (
+    BLIND,
+    FEW,
+    FOUR,
+    KNOWN,
+    MODEL_BASED,
+    OF_TRANSFER,
+    SIZES,
+    TARGET,
+    WAYS,
+    episodes_each,
+    part,
+)
+from training.protocol import ANYWHERE, AT_TEN, EVALUATIONS, LONG_AT_TEN, TEN
+from training.results import Results, Settings, difference, means, number, over_seeds, with_error
+
+PAGE = DOCS / "prototypes.md"
+MEASURED = DOCS / "prototypes.json"  # what the page says besides the runs
+LABELS = {"bc": "BC", "td3+bc": "TD3+BC", "iql": "IQL", "cql": "CQL", MODEL_BASED: MODEL_BASED}
+LABELS |= {f"{name}{BLIND}": f"{LABELS[name]}{BLIND}" for name in ("iql", MODEL_BASED)}
+LABELS |= {name: f"`{name}`" for name in KNOWN} | {"zero": "no change"}
+LEARNED = [*FOUR, "cql", *(name for name in LABELS if name.endswith(BLIND))]
+# The evaluations of a policy at ten setpoints, and by what their returns are divided.
+COLUMNS: dict[str, tuple[Settings, float]] = {
+    "from the start settings": (AT_TEN, 100.0),
+    "from anywhere": (ANYWHERE, 100.0),
+    "a step, over 1,000": (LONG_AT_TEN, 1000.0),
+}
+HORIZONS, QUANTITIES = (1, 10), ("fatigue", "consumption")
+MIDDLE = episodes_each(10)
+
+
+def learned_parts(results: Results, name: str) -> list[tuple[str, str]]:
+    """The parts of a set and the algorithms that learned from them."""
+    parts = [(episodes_each(count), algorithm) for count in SIZES[name] for algorithm in LEARNED]
+    return [pair for pair in parts if results.runs(name, *pair)]
+
+
+def returns_table(results: Results, name: str) -> str:
+    """A Markdown table of the returns of known and of learned policies over ten setpoints."""
+    rows = []
+    for policy in KNOWN:
+        cells = [with_error(results.known(name, policy, settings), by) for settings, by in COLUMNS.values()]
+        rows.append(["–", LABELS[policy], "–", *cells])
+    for data, algorithm in learned_parts(results, name):
+        cells = [
+            over_seeds(means(results.returns(name, data, algorithm, settings), by))
+            for settings, by in COLUMNS.values()
+        ]
+        rows.append([data, LABELS[algorithm], str(len(results.runs(name, data, algorithm))), *cells])
+    return table(["trained on", "policy", "seeds", *COLUMNS], rows)
+
+
+def by_setpoint(results: Results, name: str, policies: Sequence[str]) -> str:
+    """A Markdown table with a row a setpoint, of what was learned from ten episodes at each."""
+    algorithms = [algorithm for data, algorithm in learned_parts(results, name) if data == MIDDLE]
+    known = {policy: results.known(name, policy, AT_TEN) for policy in policies}
+    learned = {x: results.returns(name, MIDDLE, x, AT_TEN) for x in algorithms}
+    rows = []
+    for i, setpoint in enumerate(TEN):
+        cells = [number(values[i].mean() / 100.0) for values in known.values()]
+        cells += [over_seeds(means([values[i] for values in seeds])) for seeds in learned.values()]
+        rows.append([f"{setpoint:g}", *cells])
+    return table(["p", *(LABELS[x] for x in (*known, *learned))], rows)
+
+
+def above_behaviour(results: Results) -> str:
+    """A Markdown table of the paired differences from the safe policy, at each setpoint and over all."""
+    runs = [(episodes_each(count), algorithm) for count in SIZES["safe"] for algorithm in (*FOUR, "cql")]
+    runs = [pair for pair in runs if results.runs("safe", *pair)]
+    rows = []
+    for data, algorithm in runs:
+        cells = []
+        for settings in (AT_TEN, ANYWHERE):
+            base = results.known("safe", BEHAVIOUR, settings)
+            found = difference(results.returns("safe", data, algorithm, settings), base)
+            cells.append(f"{number(found.mean, 2)} ± {number(found.standard_error or 0.0, 2)}")
+        base = results.known("safe", BEHAVIOUR, AT_TEN)
+        seeds = results.returns("safe", data, algorithm, AT_TEN)
+        gains = [float((np.mean(seeds, axis=0) - base)[i].mean()) / 100.0 for i in range(len(TEN))]
+        worst = int(np.argmin(gains))
+        below = sum(gain < 0 for gain in gains)
+        rows.append([data, LABELS[algorithm], *cells, below, f"{number(gains[worst])} at {TEN[worst]:g}"])
+    head = ["trained on", "policy", "from the start settings", "from anywhere", "setpoints below", "worst"]
+    return table(head, rows)
+
+
+def model_table(results: Results) -> str:
+    """A Markdown table of the errors of models at the target, by what they were trained on."""
+    rows = []
+    for way in WAYS:
+        for count in FEW if way != "source" else (0,):
+            data = part(way, count)
+            cells = []
+            for quantity in QUANTITIES:
+                for steps in HORIZONS:
+                    errors = results.errors(data, MODEL_BASED, float(TARGET), steps)
+                    cells.append(over_seeds([getattr(e, quantity) for e in errors]))
+            rows.append([data, len(results.runs("transfer", data, MODEL_BASED)), *cells])
+    floors = [
+        getattr(
+            results.errors(part("target", FEW[0]), MODEL_BASED, float(TARGET), steps)[0], f"floor_{quantity}"
+        )
+        for quantity in QUANTITIES
+        for steps in HORIZONS
+    ]
+    rows.append(["noise floor", "–", *map(number, floors)])
+    names = [f"{q}, {h} step{'s'[: h > 1]}" for q in QUANTITIES for h in HORIZONS]
+    return table(["trained on", "seeds", *names], rows)
+
+
+def transfer_table(results: Results) -> str:
+    """A Markdown table of the returns at the target, by what the policies were trained on."""
+    [settings] = EVALUATIONS["transfer"]
+    rows = [["–", "–", with_error(results.known("transfer", x, settings)), LABELS[x]] for x in KNOWN]
+    known = table(["policy", "return"], [[label, value] for _, _, value, label in rows])
+    learned = []
+    for way in WAYS:
+        for count in FEW if way != "source" else (0,):
+            data = part(way, count)
+            cells = [over_seeds(means(results.returns("transfer", data, x, settings))) for x in OF_TRANSFER]
+            learned.append([data, len(results.runs("transfer", data, MODEL_BASED)), *cells])
+    head = ["trained on", "seeds", *(LABELS[x] for x in OF_TRANSFER)]
+    return f"{known}\n\n{table(head, learned)}"
+
+
+def best_at_70(results: Results) -> str:
+    """A Markdown table of the rewards of a step at setpoint 70 over 1,000 steps: ours, best runs."""
+    at = TEN.index(70.0)
+    rows = []
+    for policy in KNOWN:
+        returns = results.known("random", policy, LONG_AT_TEN)[at : at + 1]
+        rows.append([LABELS[policy], "–", with_error(returns, 1000.0)])
+    for algorithm in LEARNED[: len(FOUR) + 1]:
+        seeds = [
+            (data, values[at : at + 1])
+            for name in ("random", "safe")
+            for data in (episodes_each(count) for count in SIZES[name])
+            for values in results.returns(name, data, algorithm, LONG_AT_TEN)
+        ]
+        if not seeds:
+            continue
+        data, values = max(seeds, key=lambda pair: float(pair[1].mean()))
+        rows.append([f"{LABELS[algorithm]}, best of {len(seeds)} runs", data, with_error(values, 1000.0)])
+    return table(["policy", "trained on", "reward of a step"], rows)
+
+
+def blocks(lines: Iterable[Baseline], measured: dict[str, Any]) -> dict[str, str]:
+    """What the page shows between each pair of its markers."""
+    results = Results(lines)
+    return {
+        "random": returns_table(results, "random"),
+        "random by setpoint": by_setpoint(results, "random", ("random", "zero", "optimized", "expert")),
+        "formulas": formulas.table_of(measured["formulas"]),
+        "safe": returns_table(results, "safe"),
+        "safe above behaviour": above_behaviour(results),
+        "transfer models": model_table(results),
+        "transfer returns": transfer_table(results),
+        "map": setpoint_map.table_of(results, measured["distances"]),
+        "at 70": best_at_70(results),
+    }
+
+
+def write_page(lines: Sequence[Baseline]) -> dict[str, Any]:
+    """Measure what is no run, write the tables, and return what was measured."""
+    measured = {"formulas": formulas.measure(), "distances": setpoint_map.distances()}
+    MEASURED.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
+    for kind, block in blocks(lines, measured).items():
+        text = replaced(text, f"\n{block}\n", kind)
+    PAGE.write_text(text, encoding="utf-8")
+    return measured

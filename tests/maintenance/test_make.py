@@ -1,0 +1,109 @@
+"""Shipped sets in one line: where they are kept, and what is trained and validated on.
+
+The environments are tested where Gymnasium is installed, in tests/bridges/gymnasium/test_make.py.
+"""
+
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata.errors import DatasetError, UsageError
+from ibdata.maintenance import make as room
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """An empty cache, in which the canonical dataset of `random` has two short episodes at each setpoint."""
+
+    def small(name, seed=None):
+        return ibdata.load(name, {"steps": 4, "episodes": 2}, seed)
+
+    monkeypatch.setattr(room, "cache_folders", lambda: SimpleNamespace(folders=(str(tmp_path / "cache"),)))
+    monkeypatch.setattr(room, "load", small)
+    root = ibdata.generate(small("random"), tmp_path / "elsewhere").content_root
+    monkeypatch.setattr(room, "canonical_root", lambda name: root)
+    monkeypatch.setattr(room, "_environment", lambda *given: "environment")
+    return tmp_path / "cache/datasets"
+
+
+def test_a_set_is_made_once_and_then_opened(cache):
+    environment, train, validation = ibdata.make("random", history=3)
+    assert environment == "environment"
+    assert (train["observations"].shape, validation["observations"].shape) == ((72, 18), (8, 18))
+    made = (cache / "random/meta/manifest.json").stat()
+    again = ibdata.make("random")
+    assert again[1]["rewards"].tolist() == train["rewards"].tolist()
+    assert (cache / "random/meta/manifest.json").stat().st_mtime_ns == made.st_mtime_ns
+    _, other, _ = ibdata.make("random", seed=1)
+    assert other["rewards"].tolist() != train["rewards"].tolist()
+    assert sorted(path.name for path in cache.iterdir()) == ["random", "random-seed-1"]
+
+
+def test_other_content_in_the_cache_is_made_again(cache):
+    ibdata.generate(ibdata.load("random", {"steps": 3}), cache / "random")
+    _, train, _ = ibdata.make("random")
+    assert len(train["rewards"]) == 72
+
+
+def test_a_content_root_may_be_asked_for(cache, monkeypatch):
+    root = room.canonical_root("random")
+    ibdata.make(f"random@{root[:6]}")
+    with pytest.raises(UsageError, match=f"but the content root of random is {root}"):
+        ibdata.make("random@000000")
+    monkeypatch.setattr(room, "canonical_root", lambda name: "0" * 64)
+    with pytest.raises(DatasetError, match=f"random: found the content root {root}, expected 0000"):
+        ibdata.make("random")
+
+
+def test_the_canonical_roots_are_those_of_the_list():
+    assert room.canonical_root("random").startswith("566ea3f2")
+    with pytest.raises(UsageError, match=r"found 'randm', .* did you mean 'random'"):
+        ibdata.make("randm")
+
+
+def test_a_process_waits_for_another_that_makes_the_set(cache, monkeypatch):
+    """The first call finds the folder busy until the other one is done."""
+    generate, begun = room.generate, threading.Event()
+
+    def slow(*given, **options):
+        if not begun.is_set():
+            begun.set()
+            thread = threading.Thread(target=lambda: (time.sleep(0.3), generate(*given, **options)))
+            thread.start()
+            raise room.BusyError("another process writes")
+        return generate(*given, **options)
+
+    monkeypatch.setattr(room, "generate", slow)
+    _, train, _ = ibdata.make("random")
+    assert len(train["rewards"]) == 72
+
+
+@pytest.mark.parametrize(
+    ("changes", "train", "validation"),
+    [
+        ({"setpoints": [20.0, 70.0], "episodes": 3}, range(5), [5]),
+        ({"setpoints": [20.0, 70.0], "episodes": 20}, [*range(18), *range(20, 38)], [18, 19, 38, 39]),
+        (
+            {
+                "episodes": 20,
+                "splits": {"train": {"episodes": "first 50%"}, "test": {"episodes": "last 50%"}},
+            },
+            range(9),
+            [9],
+        ),
+        (
+            {"episodes": 5, "splits": {"validation": {"episodes": "last 60%"}}},
+            [0, 1],
+            [2, 3, 4],
+        ),
+    ],
+)
+def test_episodes_to_train_and_to_validate_on(describe, tmp_path, changes, train, validation):
+    usual = {"setpoints": 70.0, "steps": 2, "policies": ["random"], "splits": {}}
+    dataset = ibdata.generate(describe(**{**usual, **changes}), tmp_path / "made")
+    parts = room.train_and_validation(dataset)
+    assert [np.flatnonzero(part.inside).tolist() for part in parts] == [list(train), list(validation)]
