@@ -20,13 +20,20 @@ CLEAN = {"PYTHONPATH": None, "OMP_NUM_THREADS": "1"}  # torch would use all proc
 
 
 def bridge(session: nox.Session, path: Path, newest: bool) -> None:
-    """Install the requirements of a bridge, the project among them, and run its tests."""
+    """Install the requirements of a bridge, the project among them, and run its tests.
+
+    What stands behind --no-deps is installed after all else, without its own requirements.
+    """
     wanted = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     pins = ["--constraint", "constraints.txt"]
     if newest:
         wanted, pins = [re.sub("==.*", "", line) for line in wanted], ["--upgrade"]
     # --no-compile, because compiling all of torch and Ray takes longer than the tests save
-    session.install("--no-compile", *pins, *wanted, "pytest", "pytest-xdist")
+    alone = [line for line in wanted if line.startswith("--no-deps ")]
+    others = [line for line in wanted if line not in alone]
+    session.install("--no-compile", *pins, *others, "pytest", "pytest-xdist")
+    for line in alone:
+        session.install("--no-compile", *line.split())
     tests = f"tests/bridges/{path.stem.partition('-')[0]}"
     session.run("pytest", tests, *(session.posargs or ["-q", "-n0", "-m", ""]), env=CLEAN)
 

@@ -9,8 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from ibdata.exporters._view import Array, Arrays, Block, View
+
+PARQUET = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
+
+
+def vectors(array: Array) -> pa.Array:
+    """The rows of a matrix as lists of one size."""
+    values = pa.array(np.ascontiguousarray(array).reshape(-1))
+    return pa.FixedSizeListArray.from_arrays(values, array.shape[1])
 
 
 def transitions(block: Block) -> Arrays:

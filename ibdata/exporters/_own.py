@@ -9,12 +9,14 @@ from pathlib import Path
 
 HEAD = 8  # bytes
 CSV = b'"episode","step"'
-PARQUET = ["episode", "step", "observation", "action", "reward"]
 
 
-def is_minari_export(folder: Path) -> bool:
-    """Whether a folder with the files of a Minari dataset is one that `export` has written."""
+def is_folder_export(folder: Path) -> bool:
+    """Whether a folder with data/ is a dataset of Minari or LeRobot that `export` has written."""
+    tasks = folder / "meta" / "tasks.parquet"  # of LeRobot
     try:
+        if tasks.exists():
+            return is_export(tasks)
         return "content_root" in json.loads((folder / "data" / "metadata.json").read_bytes())["view"]
     except (OSError, ValueError, KeyError, TypeError):
         return False
@@ -36,7 +38,7 @@ def is_export(path: Path) -> bool:
         if head.startswith(b"PAR1"):
             import pyarrow.parquet as pq
 
-            return bool(pq.read_schema(path).names[: len(PARQUET)] == PARQUET)
+            return b"content_root" in pq.read_schema(path).metadata[b"view"]
         opened = gzip.open if head.startswith(b"\x1f\x8b") else Path.open
         with opened(path, "rb") as text:
             return not head or text.read(len(CSV)) == CSV

@@ -11,7 +11,7 @@ from typing import Any
 
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError, missing
-from ibdata.exporters._own import is_export, is_minari_export
+from ibdata.exporters._own import is_export, is_folder_export
 from ibdata.system import files, signals
 from ibdata.system.part import locked_part, resolved
 
@@ -53,7 +53,7 @@ def _refuse(target: Path, overwrite: bool) -> None:
         )
     if os.path.exists(target / manifest.PATH):
         raise UsageError(f"{target}: is a dataset, which no export replaces; choose another --out")
-    if (target / "data").is_dir() and not is_minari_export(target):
+    if (target / "data").is_dir() and not is_folder_export(target):
         raise UsageError(f"{target}: found no export of ibdata; move it away, or choose another --out")
     for file in (target, target / "arrays.parquet"):
         if file.is_file() and not is_export(file):
@@ -64,6 +64,8 @@ def _refuse_others(place: Path, export: Path) -> None:
     """Raise UsageError if the folder to replace holds anything that the export does not have."""
     for path in place.rglob("*"):
         name = path.relative_to(place)
+        if path.match("chunk-*/file-*.parquet") and is_export(path):
+            continue  # of LeRobot's format, which numbers its files
         if not (export / name).exists():
             raise UsageError(f"{place}: found {name}, which is not of such an export; choose another --out")
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 from ibdata.dataset.selection import Selection
 from ibdata.dataset.transitions import left_out, needed, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, identity
+from ibdata.errors import UsageError
 from ibdata.system.progress import bar
 from ibdata.views.options import ACTIONS, PLAIN, ViewOptions
 
@@ -79,6 +80,14 @@ class View:
         floats = 2 * len(self.frame) * self.history + len(ACTIONS) + 1 + len(self.beside) + len(self.clean)
         floats += self.options.cost is not None
         return self.rows * (4 * floats + 8 + 4 + 1 + 1)
+
+    def refuse_no_rows(self) -> None:
+        """Raise UsageError if no row has its next frame in the dataset."""
+        if not self.rows:
+            raise UsageError(
+                "view: found no transition whose next frame is in the dataset, "
+                "expected episodes of several steps"
+            )
 
     def plain(self) -> dict[str, Any]:
         """What the export shows, as JSON data for its own metadata.

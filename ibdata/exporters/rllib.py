@@ -10,15 +10,13 @@ import json
 from itertools import chain
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.errors import UsageError
-from ibdata.exporters._view import Array, Block, View
+from ibdata.exporters._arrays import PARQUET, vectors
+from ibdata.exporters._view import Block, View
 
 ROW_GROUP_ROWS = 100_000
-OPTIONS = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
 SUFFIX = ".parquet"
 FILE = "arrays.parquet"
 SCHEMA = {
@@ -38,14 +36,11 @@ def export(view: View, path: Path, target: Path) -> str:
     if path.suffix != SUFFIX:
         path.mkdir()
         path, target = path / FILE, target / FILE
+    view.refuse_no_rows()
     metadata = {"view": json.dumps(view.plain())}
     tables = (_table(block).replace_schema_metadata(metadata) for block in view.blocks())
-    first = next(tables, None)
-    if first is None:
-        raise UsageError(
-            "view: found no transition whose next frame is in the dataset, expected episodes of several steps"
-        )
-    with pq.ParquetWriter(path, first.schema, **OPTIONS) as writer:
+    first = next(tables)
+    with pq.ParquetWriter(path, first.schema, **PARQUET) as writer:
         for table in chain([first], tables):
             writer.write_table(table, row_group_size=ROW_GROUP_ROWS)
     return f"""\
@@ -67,16 +62,11 @@ def _table(block: Block) -> pa.Table:
         {
             "episode": block.episode,
             "step": block.step,
-            "observation": _vectors(block.observations),
-            "action": _vectors(block.actions),
+            "observation": vectors(block.observations),
+            "action": vectors(block.actions),
             "reward": block.rewards,
-            "next_observation": _vectors(block.next_observations),
+            "next_observation": vectors(block.next_observations),
             "terminated": block.terminated,
             "truncated": block.truncated,
         }
     )
-
-
-def _vectors(array: Array) -> pa.Array:
-    values = pa.array(np.ascontiguousarray(array).reshape(-1))
-    return pa.FixedSizeListArray.from_arrays(values, array.shape[1])

@@ -101,7 +101,7 @@ def transfer(seed: int) -> list[Run]:
 def across() -> list[Run]:
     """The map: between all sources and all targets, with two episodes of the target and one seed."""
     sources = [Run("transfer", f"100 at {source}", MODEL_BASED, 0) for source in SOURCES]
-    targets = [Run("transfer", f"2 at {target}", MODEL_BASED, 0) for target in TARGETS]
+    targets = [Run("transfer", f"2 at {target}", MODEL, 0) for target in TARGETS]
     both = [
         Run("transfer", f"100 at {source}{THEN}2 at {target}", MODEL, 0)
         for source in SOURCES

@@ -61,7 +61,13 @@ def returns_table(results: Results, name: str) -> str:
             for settings, by in COLUMNS.values()
         ]
         rows.append([data, LABELS[algorithm], str(len(results.runs(name, data, algorithm))), *cells])
-    return table(["trained on", "policy", "seeds", *COLUMNS], rows)
+    worst = [
+        max(results.standard_errors(name, settings), default=0.0) / by for settings, by in COLUMNS.values()
+    ]
+    errors = " / ".join(number(error, 2) for error in worst)
+    return f"""{table(["trained on", "policy", "seeds", *COLUMNS], rows)}
+
+Standard errors over the episodes of what was learned are at most {errors}."""
 
 
 def by_setpoint(results: Results, name: str, policies: Sequence[str]) -> str:
@@ -134,7 +140,12 @@ def transfer_table(results: Results) -> str:
             cells = [over_seeds(means(results.returns("transfer", data, x, settings))) for x in OF_TRANSFER]
             learned.append([data, len(results.runs("transfer", data, MODEL_BASED)), *cells])
     head = ["trained on", "seeds", *(LABELS[x] for x in OF_TRANSFER)]
-    return f"{known}\n\n{table(head, learned)}"
+    worst = number(max(results.standard_errors("transfer", settings), default=0.0) / 100.0, 2)
+    return f"""{known}
+
+{table(head, learned)}
+
+Standard errors over the episodes of what was learned are at most {worst}."""
 
 
 def best_at_70(results: Results) -> str:

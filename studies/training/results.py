@@ -38,6 +38,13 @@ class Results:
         named = self.returns(name, NOTHING, policy, settings)
         return (named or self.returns(name, NOTHING, BEHAVIOUR, settings))[0]
 
+    def standard_errors(self, name: str, settings: Settings) -> list[float]:
+        """The standard errors of all that was learned from a set, in an evaluation."""
+        groups = [runs for (of, part, _), runs in self.groups.items() if of == name and part != NOTHING]
+        runs = [run for group in groups for run in group]
+        evaluations = [e for run in runs for e in run.evaluations if e.settings == settings]
+        return [e.standard_error for e in evaluations if e.standard_error is not None]
+
     def errors(self, part: str, algorithm: str, setpoint: float, steps: int) -> list[ModelErrors]:
         """The errors of the models of each seed in the transfer, at a setpoint after some steps."""
         lines = [e for run in self.runs("transfer", part, algorithm) for e in run.model_errors or []]

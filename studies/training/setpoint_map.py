@@ -32,7 +32,7 @@ def part_of(way: str, source: int, target: int) -> tuple[str, str]:
     few = f"2 at {target}"
     ways = {
         "source": (f"100 at {source}", MODEL_BASED),
-        "target": (few, MODEL_BASED),
+        "target": (few, MODEL),
         "fine-tuned": (f"100 at {source}{THEN}{few}", MODEL),
     }
     return ways[way]

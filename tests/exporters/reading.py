@@ -19,6 +19,15 @@ RLLIB = {
     "rewards": "reward",
     "next_observations": "next_observation",
 }
+LEROBOT = {
+    "observations": "observation.state",
+    "actions": "action",
+    "rewards": "next.reward",
+    "next_observations": "next.observation.state",
+    "terminated": "next.terminated",
+    "truncated": "next.truncated",
+    "step": "frame_index",
+}
 SAME = ("terminated", "truncated", "episode", "step")
 
 
@@ -103,9 +112,21 @@ def neorl(path: str, made: Exported) -> dict[str, Any]:
 
 
 def rllib(path: str, made: Exported) -> dict[str, Any]:
+    return by_name(parquet(path), RLLIB)
+
+
+def lerobot(path: str, made: Exported) -> dict[str, Any]:
+    found = parquet(f"{path}/data")
+    assert found["frame_index"].dtype == np.int64
+    found["frame_index"] = found["frame_index"].astype(np.int32)
+    return {name: found[column] for name, column in LEROBOT.items()}
+
+
+def parquet(path: str) -> dict[str, Any]:
+    """The columns of a file, or of the files of a folder; those of lists are matrices."""
     table = pq.read_table(path)
     found = {name: table[name].to_numpy() for name in table.column_names}
-    return by_name({name: np.stack(x) if x.dtype == object else x for name, x in found.items()}, RLLIB)
+    return {name: np.stack(x) if x.dtype == object else x for name, x in found.items()}
 
 
 def minari(path: str, made: Exported) -> dict[str, Any]:
@@ -131,6 +152,7 @@ READERS = {
     "csv": csv_file,
     "d3rlpy": d3rlpy,
     "d4rl": d4rl,
+    "lerobot": lerobot,
     "minari": minari,
     "neorl": neorl,
     "npz": d4rl,

@@ -128,11 +128,12 @@ def said(made):
     if made.format in ("d3rlpy", "d4rl"):
         with h5py.File(made.path) as file:
             return json.loads(file.attrs["view"])
-    return json.loads(pq.read_schema(made.path).metadata[b"view"])
+    file = f"{made.path}/data/chunk-000/file-000.parquet" if made.format == "lerobot" else made.path
+    return json.loads(pq.read_schema(file).metadata[b"view"])
 
 
 @pytest.mark.parametrize("view", [VIEWS["markov"][1], VIEWS["troubles"][1]], ids=["markov", "troubles"])
-@pytest.mark.parametrize("to", ["npz", "neorl", "d3rlpy", "d4rl", "rllib"])
+@pytest.mark.parametrize("to", ["npz", "neorl", "d3rlpy", "d4rl", "rllib", "lerobot"])
 def test_an_export_says_what_it_shows(dataset, tmp_path, to, view):
     out = tmp_path / ("made.parquet" if to == "rllib" else "made")
     made = ibdata.export(dataset, to, out, history=3, split="target", view=view)

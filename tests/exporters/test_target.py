@@ -9,7 +9,7 @@ from helpers import python
 import ibdata
 from ibdata.errors import IbdataError, UsageError
 from ibdata.exporters import FORMATS
-from ibdata.exporters._own import is_export
+from ibdata.exporters._own import is_export, is_folder_export
 
 RUN = """
 import os, resource, signal, sys
@@ -45,7 +45,7 @@ def failing(path):
     raise OSError(28, "no room")
 
 
-@pytest.mark.parametrize("to", ["csv", "d4rl", "rllib"])
+@pytest.mark.parametrize("to", ["csv", "d4rl", "lerobot", "rllib"])
 def test_an_export_is_replaced_only_when_that_is_said(dataset, tmp_path, to, monkeypatch):
     """And stays if the one that is to replace it fails."""
     options = {"split": "target", "history": 2}
@@ -73,7 +73,7 @@ def test_what_a_killed_export_left_is_discarded_by_the_next(dataset, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("to", ["csv", "d4rl", "npz"])
+@pytest.mark.parametrize("to", ["csv", "d4rl", "lerobot", "npz"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     done = run(FULL, dataset, to, tmp_path / "a" / "b")
     assert done.returncode == 1
@@ -128,7 +128,7 @@ def test_an_export_is_known_as_one(dataset, tmp_path, to, view):
     to, _, ending = to.partition(".")
     out = tmp_path / {"rllib": "x.parquet"}.get(to, f"x.{ending}")
     ibdata.export(dataset, to, out, split=one_setpoint(to), view=view)
-    assert is_export(out)
+    assert is_folder_export(out) if to == "lerobot" else is_export(out)
 
 
 def test_a_file_or_what_a_link_points_to_is_replaced(dataset, tmp_path):

@@ -1,0 +1,146 @@
+"""LeRobot opens the export, finds every value, and would have written the same files."""
+
+import json
+import logging
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import torch
+from lerobot.datasets.compute_stats import aggregate_stats, compute_episode_stats
+from lerobot.datasets.lerobot_dataset import LeRobotDataset, LeRobotDatasetMetadata
+from lerobot.datasets.utils import (
+    DEFAULT_FEATURES,
+    dataset_to_policy_features,
+    flatten_dict,
+    get_hf_features_from_features,
+    unflatten_dict,
+)
+from torch.utils.data import DataLoader
+
+import ibdata
+
+logging.getLogger().setLevel(logging.ERROR)  # LeRobot warns of the video decoder that is not there
+VIEWS = {
+    "plain": (1, {}),
+    "markov": (4, {"observe": "markov", "actions": True, "reward": {"consumption": 1, "fatigue": 1}}),
+    "one number": (1, {"observe": ["obs_fatigue"], "reward_scale": 0.1, "cost": {"fatigue": 5}}),
+}
+NAMES = {
+    "observation.state": "observations",
+    "action": "actions",
+    "next.observation.state": "next_observations",
+    "next.reward": "rewards",
+    "next.terminated": "terminated",
+    "next.truncated": "truncated",
+    "next.cost": "costs",
+}
+
+
+def opened(made, **options):
+    return LeRobotDataset("ibdata/small", root=made.path, **options)
+
+
+@pytest.mark.parametrize(("history", "view"), VIEWS.values(), ids=VIEWS)
+def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, history, view):
+    names = {}
+    exec(ibdata.export(dataset, "lerobot", tmp_path / "made", history=history, view=view).snippet, names)
+    found, arrays = names["dataset"], dataset.arrays(history, view=view)
+    assert (found.num_episodes, found.num_frames, found.fps) == (12, 480, 1)
+    items = [found[i] for i in range(480)]
+    for key, name in NAMES.items():
+        if name == "costs" and "cost" not in view:
+            continue
+        values = torch.stack([item[key] for item in items]).numpy()
+        assert values.dtype == arrays[name].dtype
+        assert values.tobytes() == arrays[name].tobytes()
+    assert [item["next.done"].item() for item in items] == ([False] * 39 + [True]) * 12
+    assert items[0]["task"] == "Operate the Industrial Benchmark at setpoint 20"
+    assert items[479]["task"] == "Operate the Industrial Benchmark at setpoint 70"
+
+
+def test_chosen_episodes_and_their_own_histories(dataset, tmp_path):
+    """LeRobot stacks frames by times, and pads them where an episode begins, as `history` does."""
+    made = ibdata.export(dataset, "lerobot", tmp_path / "made")
+    stacked = opened(made, episodes=[2, 7], delta_timestamps={"observation.state": [0, -1, -2]})
+    arrays = dataset.arrays(history=3)
+    assert len(stacked) == 80
+    for i, row in ((0, 80), (1, 81), (45, 285)):
+        assert stacked[i]["index"] == row
+        assert (
+            stacked[i]["observation.state"].numpy().ravel().tobytes() == arrays["observations"][row].tobytes()
+        )
+    assert stacked[0]["observation.state_is_pad"].tolist() == [False, True, True]
+
+
+def test_policies_see_states_and_actions_only_and_batches_are_made(dataset, tmp_path):
+    found = opened(ibdata.export(dataset, "lerobot", tmp_path / "made", split="target"))
+    features = dataset_to_policy_features(found.features)
+    assert {name: feature.shape for name, feature in features.items()} == {
+        "observation.state": (6,),
+        "action": (3,),
+    }
+    batch = next(iter(DataLoader(found, batch_size=32)))
+    assert batch["observation.state"].shape == batch["next.observation.state"].shape == (32, 6)
+    assert batch["next.reward"].dtype == torch.float32
+
+
+def written_by_lerobot(found, root):
+    """The metadata that LeRobot writes of the same frames."""
+    features = {name: feature for name, feature in found.features.items() if name not in DEFAULT_FEATURES}
+    theirs = LeRobotDatasetMetadata.create(
+        "ibdata/small", found.fps, features, found.meta.robot_type, root, use_videos=False
+    )
+    for number in range(found.num_episodes):
+        row = found.meta.episodes[number]
+        frames = slice(row["dataset_from_index"], row["dataset_to_index"])
+        statistics = compute_episode_stats(found.hf_dataset.with_format("numpy")[frames], found.features)
+        place = {key: value for key, value in row.items() if key.startswith("data")}
+        theirs.save_episode_tasks(row["tasks"])
+        theirs.save_episode(number, row["length"], row["tasks"], statistics, place)
+    theirs._close_writer()
+
+
+@pytest.mark.filterwarnings("ignore:Converting input from bool")  # of LeRobot's histograms of flags
+def test_lerobot_writes_the_same_metadata_of_these_frames(dataset, tmp_path):
+    found = opened(ibdata.export(dataset, "lerobot", tmp_path / "ours"))
+    written_by_lerobot(found, tmp_path / "theirs")
+    folders = (tmp_path / "ours" / "meta", tmp_path / "theirs" / "meta")
+    ours, theirs = (json.loads((folder / "info.json").read_text()) for folder in folders)
+    assert ours == theirs
+    ours, theirs = (pq.read_table(folder / "episodes/chunk-000/file-000.parquet") for folder in folders)
+    assert ours.schema.equals(theirs.schema)
+    frames = found.hf_dataset.with_format("numpy")[:]
+    for name in ours.column_names:
+        values = ours[name].to_pylist(), theirs[name].to_pylist()
+        if name.endswith(("/mean", "/std")):  # LeRobot computes in float32
+            np.testing.assert_allclose(*values, rtol=1e-3, atol=1e-3)
+        elif "/q" in name:  # LeRobot takes them from a histogram, which ends up to two frames away
+            ordered = np.sort(frames[name.split("/")[1]].reshape(12, 40, -1).astype(float), axis=1)
+            assert np.abs(np.subtract(*values)).max() <= 2 * np.diff(ordered, axis=1).max() + 1e-6
+        else:
+            assert values[0] == values[1]
+
+
+def test_statistics_of_all_frames_are_lerobots_combination(dataset, tmp_path):
+    made = ibdata.export(dataset, "lerobot", tmp_path / "made", history=2)
+    rows = pq.read_table(Path(made.path) / "meta" / "episodes").to_pylist()
+    each = [{key: np.array(x) for key, x in row.items() if key.startswith("stats/")} for row in rows]
+    expected = flatten_dict(aggregate_stats([unflatten_dict(statistics)["stats"] for statistics in each]))
+    found = flatten_dict(opened(made).meta.stats)
+    assert set(found) == set(expected)
+    for name, values in found.items():
+        np.testing.assert_allclose(values, expected[name], rtol=1e-9, atol=1e-9)
+
+
+def test_the_columns_have_the_types_that_lerobot_expects(dataset, tmp_path):
+    made = ibdata.export(dataset, "lerobot", tmp_path / "made", history=2)
+    expected = get_hf_features_from_features(opened(made).features).arrow_schema
+    found = pq.read_schema(Path(made.path) / "data/chunk-000/file-000.parquet")
+    assert found.remove_metadata().equals(expected.remove_metadata())
+
+
+def test_the_page_of_libraries_opens_an_export(use_with):
+    (names,) = use_with("LeRobot")
+    assert names["data"].num_frames > 0

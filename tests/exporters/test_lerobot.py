@@ -1,0 +1,205 @@
+"""The folder of LeRobotDataset v3.0 by its published schema, read with pyarrow and pandas alone."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from exporters.reading import equal, holds, parquet
+
+import ibdata
+from ibdata.errors import UsageError
+from ibdata.exporters import lerobot
+
+VECTORS = ("observation.state", "action", "next.observation.state")
+
+
+@pytest.fixture
+def made(dataset, tmp_path):
+    return Path(ibdata.export(dataset, "lerobot", tmp_path / "made", history=3).path)
+
+
+def described(folder):
+    return json.loads((folder / "meta" / "info.json").read_text())
+
+
+def episode_rows(folder):
+    return pq.read_table(folder / "meta" / "episodes").to_pylist()
+
+
+@pytest.mark.parametrize(
+    ("view", "width"), [({}, 6), ({"observe": ["obs_fatigue"]}, 1), ({"observe": "markov"}, 20)], ids=str
+)
+def test_info_describes_each_column(dataset, tmp_path, view, width):
+    """A vector is a list of fixed size, but a number if it has one entry only, as LeRobot expects it."""
+    exported = ibdata.export(dataset, "lerobot", tmp_path / "made", view=view)
+    info, schema = (
+        described(tmp_path / "made"),
+        pq.read_schema(tmp_path / "made/data/chunk-000/file-000.parquet"),
+    )
+    assert info["codebase_version"] == "v3.0"
+    assert (info["total_frames"], info["total_episodes"], info["splits"]) == (480, 12, {"train": "0:12"})
+    assert list(info["features"]) == schema.names
+    for name, feature in info["features"].items():
+        (size,) = feature["shape"]
+        kind = pa.bool_() if feature["dtype"] == "bool" else pa.type_for_alias(feature["dtype"])
+        assert schema.field(name).type == (kind if size == 1 else pa.list_(kind, size))
+        assert (name in VECTORS) == (feature["names"] is not None)
+    assert tuple(info["features"]["observation.state"]["names"]) == exported.frame
+    assert info["features"]["observation.state"]["shape"] == [width]
+    holds(exported, dataset, view=view) if width > 1 else None
+
+
+def test_histories_have_a_name_for_each_number(made):
+    names = described(made)["features"]["observation.state"]["names"]
+    assert len(names) == len(set(names)) == 18
+    assert names[5:7] + names[-1:] == ["obs_consumption", "obs_setpoint_lag_1", "obs_consumption_lag_2"]
+
+
+def test_frames_are_numbered_and_timed_and_the_last_one_is_done(dataset, tmp_path):
+    """Of a split too, whose episodes are numbered anew."""
+    ibdata.export(dataset, "lerobot", tmp_path / "made", split="target")
+    found = parquet(tmp_path / "made" / "data")
+    steps = np.tile(np.arange(40), 4)
+    equal(found["index"], np.arange(160))
+    equal(found["episode_index"], np.repeat(np.arange(4), 40))
+    equal(found["frame_index"], steps)
+    equal(found["timestamp"], steps.astype(np.float32) / np.float32(described(tmp_path / "made")["fps"]))
+    equal(found["next.done"], steps == 39)
+    equal(found["next.truncated"], steps == 39)
+    assert not found["next.terminated"].any()
+
+
+def test_the_final_observation_of_each_episode_is_there(dataset, tmp_path):
+    ibdata.export(dataset, "lerobot", tmp_path / "made")
+    found, arrays = parquet(tmp_path / "made" / "data"), dataset.arrays()
+    states, following = (found[name].reshape(12, 40, 6) for name in (VECTORS[0], VECTORS[2]))
+    equal(following[:, :-1], states[:, 1:])
+    equal(following[:, -1], arrays["next_observations"].reshape(12, 40, 6)[:, -1])
+
+
+def test_costs_stand_beside_rewards(dataset, tmp_path):
+    view = {"cost": {"fatigue": 5}}
+    ibdata.export(dataset, "lerobot", tmp_path / "made", view=view)
+    costs = dataset.arrays(view=view)["costs"]
+    assert 0 < costs.sum() < 480
+    equal(parquet(tmp_path / "made" / "data")["next.cost"], costs)
+    assert described(tmp_path / "made")["features"]["next.cost"] == {
+        "dtype": "float32",
+        "shape": [1],
+        "names": None,
+    }
+
+
+def test_the_row_of_an_episode_has_its_place_and_its_statistics(made):
+    """Its extremes have the type of the feature."""
+    found, rows = parquet(made / "data"), episode_rows(made)
+    assert [row["dataset_from_index"] for row in rows] == list(range(0, 480, 40))
+    assert [row["dataset_to_index"] for row in rows] == list(range(40, 481, 40))
+    for row in rows:
+        assert row["length"] == 40
+        for name, array in found.items():
+            values = array[row["dataset_from_index"] : row["dataset_to_index"]].reshape(40, -1)
+            told = {key: row[f"stats/{name}/{key}"] for key in ("min", "max", "mean", "std", "count", "q10")}
+            assert (told["min"], told["max"]) == (values.min(0).tolist(), values.max(0).tolist())
+            assert isinstance(told["min"][0], type(values.min().item()))
+            exact = values.astype(np.float64)
+            for key, expected in (("mean", exact.mean(0)), ("std", exact.std(0))):
+                np.testing.assert_allclose(told[key], expected, rtol=1e-12)
+            np.testing.assert_allclose(told["q10"], np.quantile(exact, 0.1, axis=0), rtol=1e-12)
+            assert told["count"] == [40]
+
+
+def test_the_statistics_of_all_frames_are_theirs(made):
+    """But quantiles are means of those of the episodes, as in LeRobot."""
+    found, rows = parquet(made / "data"), episode_rows(made)
+    statistics = json.loads((made / "meta" / "stats.json").read_text())
+    assert list(statistics) == list(found)
+    for name, array in found.items():
+        values, told = array.reshape(480, -1).astype(np.float64), statistics[name]
+        assert list(told) == ["min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99"]
+        assert (told["min"], told["max"]) == (values.min(0).tolist(), values.max(0).tolist())
+        np.testing.assert_allclose(told["mean"], values.mean(0), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(told["std"], values.std(0), rtol=1e-9, atol=1e-12)
+        mean = np.mean([row[f"stats/{name}/q90"] for row in rows], axis=0)
+        np.testing.assert_allclose(told["q90"], mean, rtol=1e-12, atol=1e-12)
+        assert told["count"] == [480]
+
+
+def test_a_task_is_a_setpoint(made):
+    """pandas has its text as the index, where LeRobot takes it from."""
+    tasks = pd.read_parquet(made / "meta" / "tasks.parquet")
+    texts = [f"Operate the Industrial Benchmark at setpoint {setpoint}" for setpoint in (20, 70)]
+    assert tasks.to_dict() == {"task_index": dict(zip(texts, (0, 1), strict=True))}
+    found = parquet(made / "data")
+    for row in episode_rows(made):
+        frames = slice(row["dataset_from_index"], row["dataset_to_index"])
+        (task,) = np.unique(found["task_index"][frames])
+        assert (
+            row["tasks"] == [texts[task]] == [texts[int(found["observation.state"][frames.start, 0] == 70)]]
+        )
+    assert described(made)["total_tasks"] == 2
+
+
+def test_moving_setpoints_are_one_task(tmp_path):
+    moving = ibdata.generate("drifting.yaml", tmp_path / "x", overrides=["episodes=3", "steps=5"], workers=1)
+    ibdata.export(moving, "lerobot", tmp_path / "made")
+    tasks = pd.read_parquet(tmp_path / "made" / "meta" / "tasks.parquet")
+    assert tasks.index.tolist() == ["Operate the Industrial Benchmark at a moving setpoint"]
+
+
+def test_files_are_numbered_in_chunks_and_hold_whole_episodes(dataset, tmp_path, monkeypatch):
+    """Episodes say in which file they are."""
+    for name, size in (("FILE_MB", 0.008), ("CHUNK_FILES", 3), ("EPISODES", 2)):
+        monkeypatch.setattr(lerobot, name, size)
+    made = tmp_path / "made"
+    holds(ibdata.export(dataset, "lerobot", made), dataset)
+    files = sorted(str(path.relative_to(made)) for path in (made / "data").rglob("*.parquet"))
+    assert len(files) >= 4
+    assert files[2:4] == ["data/chunk-000/file-002.parquet", "data/chunk-001/file-000.parquet"]
+    for file in files:
+        found = pq.read_metadata(made / file)
+        columns = [found.row_group(i).column(j) for i in range(found.num_row_groups) for j in range(12)]
+        assert sum(column.total_compressed_size for column in columns) <= 0.008 * 2**20
+    rows, info = episode_rows(made), described(made)
+    assert (len(rows), info["chunks_size"]) == (12, 3)
+    for folder in ("data", "meta/episodes"):
+        places = [(row[f"{folder}/chunk_index"], row[f"{folder}/file_index"]) for row in rows]
+        assert len(set(places)) > 3
+        for row, (chunk, file) in zip(rows, places, strict=True):
+            path = info["data_path"].replace("data", folder).format(chunk_index=chunk, file_index=file)
+            assert row["episode_index"] in pq.read_table(made / path)["episode_index"].to_pylist()
+
+
+def test_a_smaller_export_replaces_all_files_of_a_larger_one(dataset, tmp_path, monkeypatch):
+    with monkeypatch.context() as small:
+        small.setattr(lerobot, "FILE_MB", 0.008)
+        ibdata.export(dataset, "lerobot", tmp_path / "made")
+    made = ibdata.export(dataset, "lerobot", tmp_path / "made", split="target", overwrite=True)
+    holds(made, dataset, "target")
+    assert len(list((tmp_path / "made").rglob("*.parquet"))) == 3
+
+
+def test_a_dataset_of_lerobot_that_is_no_export_is_not_replaced(dataset, made):
+    tasks = made / "meta" / "tasks.parquet"
+    pd.read_parquet(tasks).to_parquet(tasks)
+    with pytest.raises(UsageError, match="made: found no export of ibdata; move it away"):
+        ibdata.export(dataset, "lerobot", made, overwrite=True)
+    assert pq.read_metadata(made / "data/chunk-000/file-000.parquet").num_rows == 480
+
+
+def test_what_others_added_to_an_export_is_not_replaced(dataset, made):
+    pq.write_table(pa.table({"episode_index": [12]}), made / "data" / "chunk-000" / "file-001.parquet")
+    with pytest.raises(UsageError, match=r"found data/chunk-000/file-001.parquet, which is not of such an"):
+        ibdata.export(dataset, "lerobot", made, overwrite=True)
+
+
+def test_episodes_of_which_no_transition_has_its_next_frame_are_refused(tmp_path):
+    given = {"name": "x", "setpoints": 20, "policies": ["random"], "episodes": 2, "steps": 1}
+    dataset = ibdata.generate(given, tmp_path / "data", workers=1)
+    with pytest.raises(UsageError, match="view: found no transition whose next frame is in the dataset"):
+        ibdata.export(dataset, "lerobot", tmp_path / "made", view={"observe": "markov"})
+    assert not (tmp_path / "made").exists()
