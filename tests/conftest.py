@@ -8,10 +8,11 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers import FULL
 from helpers.by_hand import recorded_episode
@@ -98,6 +99,14 @@ def files() -> Callable[[str | Path], dict[str, bytes]]:
 def sign() -> Callable[[Path, str], None]:
     """A function that makes the hashes in the manifest right again after a change of a file."""
     return lambda folder, path: seal(folder)
+
+
+@pytest.fixture
+def global_generator() -> Iterator[None]:
+    """NumPy's global generator, which the published package seeds, is left as it was."""
+    before = np.random.get_state()  # noqa: NPY002
+    yield
+    np.random.set_state(before)  # noqa: NPY002
 
 
 EPISODES: dict[str, dict[str, Any]] = {

@@ -22,7 +22,7 @@ from ibdata.views.options import ViewOptions
 
 PACKAGE = ROOT / "ibdata"
 LONGEST = 350  # lines; most files have fewer than 200
-AT_THE_ROOT = {"__init__", "__main__", "arguments", "errors", "report", "testing", "variables", "version"}
+AT_THE_ROOT = "__init__ __main__ arguments errors published report testing variables version"
 NAMES = """
 Dataset Experiment IbdataError __version__ baselines difference estimate evaluate export finalize
 generate importance load make merge noise_floor open quality repair reproduce save_network score_model split
@@ -47,7 +47,7 @@ def test_no_file_is_too_long_to_be_read_at_once():
 
 
 def test_modules_live_in_rooms():
-    assert {path.stem for path in PACKAGE.glob("*.py")} <= AT_THE_ROOT
+    assert {path.stem for path in PACKAGE.glob("*.py")} <= set(AT_THE_ROOT.split())
 
 
 def test_the_tests_of_a_room_stand_in_a_folder_of_its_name():

@@ -1,4 +1,4 @@
-"""The statements of docs/environment.md about `IBGym`, the environment of the authors' published package."""
+"""The statements of docs/published.md about `IBGym`, the environment of the authors' published package."""
 
 from __future__ import annotations
 
@@ -12,23 +12,26 @@ from helpers import ROOT
 from reference import published
 
 from ibdata.environment.actions import DISCRETE
+from ibdata.published import IDS, VARIABLES, IBGym
 
-PAGE = (ROOT / "docs/environment.md").read_text(encoding="utf-8")
-TABLE = PAGE[PAGE.index("| `IBGym` | ibdata |") : PAGE.index("What is different:")]
+PAGE = (ROOT / "docs/published.md").read_text(encoding="utf-8")
+TABLE, STATES = PAGE.split("## Names side by side")[1].split("## Why")[0].strip().split("\n\n")
+PARTS = {name for name in vars(published.IDS) if name.startswith(("add", "update"))}
+CONSTANTS = {"gsBound", "gsEnvironment", "gsScale", "gsSetPointDependency", "init", "maxRequiredStep"}
 
 
-@pytest.fixture(scope="module")
+pytestmark = pytest.mark.usefixtures("global_generator")
+
+
+@pytest.fixture
 def wrapper():
     """An `IBGym` with discrete actions. It imports the package `gym`, which says on stderr that it is old."""
-    before = np.random.get_state()  # noqa: NPY002
     with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
         warnings.simplefilter("ignore")
         patch.setattr(np, "float", float, raising=False)
         from industrial_benchmark_python.IBGym import IBGym
 
-        made = IBGym(70, "classic", "discrete", init_seed=0)
-    np.random.set_state(before)  # noqa: NPY002
-    return made
+        return IBGym(70, "classic", "discrete", init_seed=0)
 
 
 def test_discrete_actions_are_those_of_the_published_one(wrapper):
@@ -53,3 +56,28 @@ def test_the_hidden_variables_have_the_names_of_the_table(wrapper):
     info = wrapper._markovian_state()
     assert {name: info[name] for name in theirs} == {a: values[b] for a, b in zip(theirs, ours, strict=True)}
     assert set(values) == set(ours)
+
+
+def test_the_states_have_the_names_of_the_table():
+    cells = [line.split("|")[1:3] for line in STATES.splitlines() if "=" not in line]
+    pairs = [(re.findall(r"`(\w+)`", a), re.findall(r"`(\w+)`", b)) for a, b in cells]
+    table = {key: name for a, b in pairs if len(a) == len(b) > 1 for key, name in zip(a, b, strict=True)}
+    assert table == {key: name for key, name in VARIABLES.items() if key != "coc"}
+
+
+def test_ibdata_s_classes_have_all_but_what_the_page_names(wrapper):
+    ours = IBGym(70, "classic", "discrete", init_seed=0)
+    assert not [name for name in vars(wrapper) if not hasattr(type(ours), name) and not hasattr(ours, name)]
+    theirs = set(dir(wrapper.IB))
+    assert {name for name in theirs if not hasattr(ours.IB, name)} == PARTS | CONSTANTS
+    assert list(ours.IB.state) == list(wrapper.IB.state)
+    assert "updateFatigue" in PARTS
+
+
+@pytest.mark.parametrize("name", ["IDS", "IBGym"])
+def test_the_arguments_are_the_published_ones_in_their_order(name, wrapper):
+    ours, theirs = {"IDS": (IDS, type(wrapper.IB)), "IBGym": (IBGym, type(wrapper))}[name]
+    found, expected = (inspect.signature(each).parameters.values() for each in (ours, theirs))
+    assert [x.name for x in expected] == [x.name for x in found][: len(expected)]
+    kept = [(x.name, x.default) for x in expected if x.default is not x.empty]
+    assert kept == [(x.name, x.default) for x in found if (x.name, x.default) in kept]
