@@ -3,8 +3,6 @@
 The environments are tested where Gymnasium is installed, in tests/bridges/gymnasium/test_make.py.
 """
 
-import threading
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,20 +64,21 @@ def test_the_canonical_roots_are_those_of_the_list():
 
 
 def test_a_process_waits_for_another_that_makes_the_set(cache, monkeypatch):
-    """The first call finds the folder busy until the other one is done."""
-    generate, begun = room.generate, threading.Event()
+    """The first calls find the folder busy."""
+    generate, busy = room.generate, [room.BusyError("another process writes")] * 2
 
-    def slow(*given, **options):
-        if not begun.is_set():
-            begun.set()
-            thread = threading.Thread(target=lambda: (time.sleep(0.3), generate(*given, **options)))
-            thread.start()
-            raise room.BusyError("another process writes")
+    def writing(*given, **options):
+        if busy:
+            raise busy.pop()
         return generate(*given, **options)
 
-    monkeypatch.setattr(room, "generate", slow)
+    monkeypatch.setattr(room, "generate", writing)
     _, train, _ = ibdata.make("random")
     assert len(train["rewards"]) == 72
+    monkeypatch.setattr(room, "PATIENCE", 0.0)
+    busy += [room.BusyError("another process writes")] * 9
+    with pytest.raises(room.BusyError):
+        ibdata.make("random", seed=2)
 
 
 @pytest.mark.parametrize(
