@@ -205,7 +205,7 @@ class Life(RuleBasedStateMachine):
             data[at] ^= 0xFF  # neither text nor JSON
             path.unlink()
             if how != "remove":
-                path.write_bytes(data if how == "change" else data[:at])
+                path.write_bytes(data if how == "change" else data[: at // 2])  # not the last newline only
             self.world.places[out] = replace(place, damaged=place.damaged | {whole[number % len(whole)]})
 
     @some(HOLDS)
