@@ -155,7 +155,7 @@ class Policy(nn.Module):
 
 
 def spread_of(std: Tensor, blind: bool = False) -> Tensor:
-    """What inputs are divided by: infinity hides what is constant in the data, or all setpoints."""
+    """What inputs are divided by, which hides what is constant in the data, or all setpoints."""
     return torch.from_numpy(seen_spread(std.double().numpy(), blind)).float()
 
 

@@ -28,6 +28,7 @@ STEPS, BATCH, HIDDEN = 15_000, 256, (64, 64)
 FINE_TUNING = 3  # so many times fewer steps than the training before
 PART = 65_536  # rows of which moments are computed at once
 CONSTANT = 1e-4  # the greatest deviation of what is constant but for rounding
+UNSEEN = 1e30  # what is divided by it is lost in any sum; a network cannot be saved with infinity
 # d3rlpy's default, 40,000 steps, is longer than the training here.
 OWN: dict[str, dict[str, Any]] = {
     "bear": {"warmup_steps": STEPS // 10},
@@ -157,10 +158,10 @@ def hyperparameters(config: Any) -> dict[str, Any]:
 
 
 def seen_spread(std: Floats, blind: bool = False) -> Floats:
-    """What observations are divided by: infinity hides what is constant in the data, or all setpoints."""
-    spread = np.where(std > CONSTANT, std, np.inf)
+    """What observations are divided by, which hides what is constant in the data, or all setpoints."""
+    spread = np.where(std > CONSTANT, std, UNSEEN)
     if blind:
-        spread[::6] = np.inf
+        spread[::6] = UNSEEN
     return spread
 
 

@@ -82,4 +82,6 @@ def test_a_blind_policy_does_not_see_the_setpoint(small, prototypes, algorithm):
 
 
 def test_what_is_constant_in_the_data_is_not_seen():
-    assert offline.seen_spread(np.array([0.0, 1e-6, 2.0])).tolist() == [np.inf, np.inf, 2.0]
+    spread = offline.seen_spread(np.array([0.0, 1e-6, 2.0]))
+    assert spread.tolist() == [offline.UNSEEN, offline.UNSEEN, 2.0]
+    assert np.float32(1.0) + np.float32(100.0 / offline.UNSEEN) == 1.0
