@@ -103,9 +103,10 @@ def _numbers(context: click.Context, option: click.Parameter, text: str | None) 
     numbers: list[int] = []
     for part in text.split(","):
         first, _, last = part.strip().partition("-")
-        if not (first.isdecimal() and (last or first).isdecimal()):
-            raise UsageError(f"--episodes: found {text!r}, expected numbers and ranges such as 0-9,17")
-        numbers += range(int(first), int(last or first) + 1)
+        last = last or first
+        if not (first.isdecimal() and last.isdecimal() and 0 <= int(last) - int(first) < MOST_EPISODES):
+            raise UsageError(f"--episodes: found {part!r}, expected a number, or a range such as 0-9")
+        numbers += range(int(first), int(last) + 1)
     return numbers
 
 
@@ -116,6 +117,7 @@ split_option = click.option(
     callback=_one_or_several,
     help="Use only rows of this split; give it again for several.",
 )
+MOST_EPISODES = 10_000_000  # of a range
 SELECTING = ("split", "setpoint", "policy", "episodes", "returns")
 _selection_options = (
     split_option,

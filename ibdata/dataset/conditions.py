@@ -51,11 +51,11 @@ def _shown(value: Any) -> str:
 
 def limits_of(returns: tuple[float | None, float | None]) -> tuple[float, float]:
     """The lowest and the highest return. Raises UsageError if the first is above the second."""
-    low, high = (*returns, math.nan)[:2]
-    low, high = -math.inf if low is None else low, math.inf if high is None else high
-    if len(returns) != 2 or not low <= high:
+    low, high = returns if len(returns) == 2 else (math.nan, math.nan)
+    limits = -math.inf if low is None else low, math.inf if high is None else high
+    if not limits[0] <= limits[1]:
         raise UsageError(f"returns: found {returns}, expected the lowest and the highest one")
-    return low, high
+    return limits
 
 
 def checked_length(length: int, name: str = "history") -> int:

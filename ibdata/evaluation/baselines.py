@@ -285,8 +285,9 @@ def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[
         if not nearest or len(differing) < len(nearest["found"]):
             nearest = {"found": differing, "expected": expected}
     key, value = next(iter(nearest["found"].items()))
+    known = dict.fromkeys(_shown(_forms(settings)[key]) for settings in evaluations)
     raise UsageError(
-        f"--{key}: found {_shown(value)}, expected {_shown(nearest['expected'][key])}: --against {name} "
+        f"--{key}: found {_shown(value)}, expected {' or '.join(known)}: --against {name} "
         f"compares with the returns of {_text(nearest['expected'])}"
     )
 
@@ -314,5 +315,9 @@ def _text(settings: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {_shown(value)}" for name, value in settings.items())
 
 
-def _shown(value: object) -> str:
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_shown, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name}: {_shown(each)}' for name, each in value.items())}}}"
     return exact(value) if isinstance(value, float) else str(value)

@@ -1,7 +1,8 @@
 """A LeRobotDataset v3.0 without images: a folder with data/ and meta/. A frame has its next observation, as
 `next.observation.state`, so that no transition is lost. `next.done` marks the last frame of each episode, as
 in LeRobot's recordings; bootstrap unless `next.terminated`. One step is one second. The task of an episode
-names its setpoint. Episodes are numbered from 0. There is no latent state beside what is observed. Written in
+names its setpoint. Episodes are numbered from 0. There is nothing beside what is observed: no
+latent state, no log density, no clean values. Written in
 constant memory.
 """
 

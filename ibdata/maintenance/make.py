@@ -16,9 +16,11 @@ from ibdata.dataset.reader import Dataset
 from ibdata.dataset.selection import Selection
 from ibdata.environment import ID
 from ibdata.errors import BusyError, DatasetError, UsageError, missing, suggestion
+from ibdata.evaluation.baselines import short_names
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.shipped import shipped
 from ibdata.generation.generate import generate
+from ibdata.generation.target import is_of
 from ibdata.numerics.naming import exact
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.configs import canonical_file
@@ -53,22 +55,22 @@ def make(
 
     Returns:
         The environment of the set, and the rows to train and to validate on, as `Dataset.arrays` has them.
-        Those to validate on are the split `validation`, or else the last tenth of those to train on, at
-        each setpoint if it has ten or more. Those to train on are the split `train`, or all others.
+        Those to validate on are the split `validation`, or else the last tenth of the episodes: at each
+        setpoint if all have ten, else of all, which leaves the last setpoints out of the training. Those to
+        train on are the split `train` without them, or all others.
 
     Raises:
         UsageError: There is no such set or setpoint, or its content root is another one.
         IbdataError: Gymnasium is not installed.
     """
-    set_name, _, expected = name.partition("@")
-    experiment = _experiment(set_name, seed)
+    short_name, _, beginning = name.partition("@")
+    set_name = _known(short_name)
+    experiment = load(set_name, seed=seed)
     environment = _environment(experiment, setpoint, history, view)
-    dataset = _dataset(set_name, experiment)
-    if not dataset.content_root.startswith(expected):
-        raise UsageError(
-            f"name: found {name!r}, but the content root of {set_name} is {dataset.content_root}: leave "
-            "@… out, or take the version of ibdata that made the other one"
-        )
+    root = canonical_root(set_name, experiment)
+    _refuse_other_content(name, beginning, root)
+    dataset = _dataset(set_name, experiment, root)
+    _refuse_other_content(name, beginning, dataset.content_root)
     parts = train_and_validation(dataset)
     train, validation = (part.arrays(history, view=view) for part in parts)
     return environment, train, validation
@@ -90,12 +92,23 @@ def train_and_validation(dataset: Dataset) -> tuple[Selection, Selection]:
     return dataset.select(episodes=np.setdiff1d(numbers, last)), dataset.select(episodes=last)
 
 
-def _experiment(name: str, seed: int | None) -> Experiment:
-    """The shipped experiment of this name."""
-    if name not in shipped():
-        near = suggestion(name, shipped())
+def _known(name: str) -> str:
+    """The name of a shipped experiment, given with or without its suite."""
+    short = short_names(list(shipped()))
+    known = next((path for path, end in short.items() if name in (path, end)), None)
+    if known is None:
+        near = suggestion(name, [*short, *short.values()])
         raise UsageError(f"name: found {name!r}, expected one that ibdata config list prints{near}")
-    return load(name, seed=seed)
+    return known
+
+
+def _refuse_other_content(name: str, beginning: str, root: str | None) -> None:
+    """Raise UsageError if the content root is known and does not begin so."""
+    if root is not None and not root.startswith(beginning):
+        raise UsageError(
+            f"name: found {name!r}, but the content root is {root}: leave @… out, or take the seed and the "
+            "version of ibdata that made the other one"
+        )
 
 
 def _environment(experiment: Experiment, setpoint: float | None, history: int, view: View) -> Any:
@@ -121,20 +134,19 @@ def _environment(experiment: Experiment, setpoint: float | None, history: int, v
     )
 
 
-def _dataset(name: str, experiment: Experiment) -> Dataset:
+def _dataset(name: str, experiment: Experiment, root: str | None) -> Dataset:
     """The dataset in the cache, which is made where it is missing or not what it should be."""
-    is_canonical = experiment.seed == load(name).seed
-    ending = "" if is_canonical else f"-seed-{experiment.seed}"
+    ending = "" if root is not None else f"-seed-{experiment.seed}"
     folder = Path(cache_folders().folders[-1], "datasets", name.replace("/", "-") + ending)
     with suppress(DatasetError):
         dataset = Dataset(folder)
-        if not is_canonical or dataset.content_root == canonical_root(name):
+        if is_of(dataset.stored.manifest, experiment) and root in (None, dataset.content_root):
             return dataset
     dataset = _generated(experiment, folder)
-    if is_canonical and dataset.content_root != canonical_root(name):
+    if root not in (None, dataset.content_root):
         raise DatasetError(
-            f"{name}: found the content root {dataset.content_root}, expected {canonical_root(name)}; ibdata "
-            "is not what it was when its datasets were listed: install it again"
+            f"{name}: found the content root {dataset.content_root}, expected {root}; ibdata is not what it "
+            "was when its datasets were listed: install it again"
         )
     return dataset
 
@@ -153,7 +165,9 @@ def _generated(experiment: Experiment, folder: Path) -> Dataset:
             return dataset
 
 
-def canonical_root(name: str) -> str:
-    """The content root of the dataset of a shipped experiment."""
+def canonical_root(name: str, experiment: Experiment) -> str | None:
+    """The content root of the dataset of a shipped experiment; None with another seed than its own."""
+    if experiment.seed != load(name).seed:
+        return None
     root: str = json.loads(canonical_file().read_text(encoding="utf-8"))[name]["content_root"]
     return root

@@ -159,14 +159,14 @@ def best_at_70(results: Results) -> str:
     """A Markdown table of the rewards of a step at setpoint 70 over 1,000 steps: ours, best runs."""
     at = TEN.index(70.0)
     rows = [[f"published: {name}", data, reward] for name, data, reward in PUBLISHED]
+    parts = [(name, episodes_each(count)) for name, counts in SIZES.items() for count in counts]
     for policy in KNOWN:
         returns = results.known("random", policy, LONG_AT_TEN)[at : at + 1]
         rows.append([LABELS[policy], "–", with_error(returns, 1000.0)])
     for algorithm in LEARNED[: len(FOUR) + 1]:
         seeds = [
-            (data, values[at : at + 1])
-            for name in ("random", "safe")
-            for data in (episodes_each(count) for count in SIZES[name])
+            (f"`{name}`, {data}", values[at : at + 1])
+            for name, data in parts
             for values in results.returns(name, data, algorithm, LONG_AT_TEN)
         ]
         if not seeds:

@@ -103,6 +103,7 @@ def assert_rows(rows, expected, **conditions):
         ({"episodes": []}, "episodes: found [], expected whole numbers"),
         ({"episodes": 1.5}, "episodes: found 1.5, expected a whole number"),
         ({"returns": (2.0, 1.0)}, "returns: found [2.0, 1.0], expected the lowest and the highest one"),
+        ({"returns": ()}, "returns: found [], expected the lowest and the highest one"),
         ({"returns": (1.0,)}, "returns: found [1.0], expected the lowest and the highest one"),
         ({"returns": (math.nan, None)}, "returns: found [nan, None], expected the lowest and the highest"),
         ({"returns": -3.0}, "returns: found -3.0, expected a list of numbers or None"),

@@ -85,13 +85,15 @@ def test_settings_are_those_of_the_first_evaluation_that_agrees(evaluated_twice,
     assert (line.set, line.trained_on, line.seeds) == ("random", "1 episode each", 1)
     assert line.mean_return == pytest.approx(2.5 - base)
     assert line.mean_difference == pytest.approx(found.returns.mean() - 2.5 + base, abs=0.01)
-    assert found.notes[0].startswith("against random: setpoint [20.0, 50.0], start ")
+    assert found.notes[0].startswith("against random: setpoint [20, 50], start ")
 
 
 def test_settings_that_agree_with_no_evaluation_are_refused_beside_the_nearest(evaluated_twice):
-    message = r"--steps: found 7, expected 4: .* start \{'burn_in': \[2, 5\]\}, .* discount 1,"
+    message = r"--steps: found 7, expected 4: .* start \{burn_in: \[2, 5\]\}, .* discount 1,"
     with pytest.raises(IbdataError, match=message):
         ibdata.evaluate("safe", against="random", discount=1, start={"burn_in": [2, 5]}, steps=7)
+    with pytest.raises(IbdataError, match=r"found uniform, expected default or \{burn_in: \[2, 5\]\}: "):
+        ibdata.evaluate("safe", against="random", start="uniform")
 
 
 def test_every_shipped_set_compares_a_policy_in_its_own_episodes():
@@ -123,8 +125,8 @@ def still(observations):
         ({"steps": 50}, "steps: found 50, expected 100"),
         ({"discount": 0.99}, "discount: found 0.99, expected 0.97"),
         ({"setpoint": 50}, "setpoint: found 50, expected 70"),
-        ({"setpoint": [70, 50]}, "--setpoint: found [70.0, 50.0], expected 70"),
-        ({"start": {"burn_in": [1, 2]}}, "start: found {'burn_in': [1, 2]}, expected default"),
+        ({"setpoint": [70, 50]}, "--setpoint: found [70, 50], expected 70"),
+        ({"start": {"burn_in": [1, 2]}}, "start: found {burn_in: [1, 2]}, expected default"),
         ({"dynamics": "paper"}, "dynamics: found paper, expected siemens"),
         ({"seed": 1}, "seed: found 1, expected 0"),
         ({"view": {"reward": "delta"}}, "--reward: found delta, expected classic: --against compares"),

@@ -23,7 +23,8 @@ def cache(tmp_path, monkeypatch):
     monkeypatch.setattr(room, "cache_folders", lambda: SimpleNamespace(folders=(str(tmp_path / "cache"),)))
     monkeypatch.setattr(room, "load", small)
     root = ibdata.generate(small("random"), tmp_path / "elsewhere").content_root
-    monkeypatch.setattr(room, "canonical_root", lambda name: root)
+    known = lambda name, experiment: root if experiment.seed == 0 else None  # noqa: E731
+    monkeypatch.setattr(room, "canonical_root", known)
     monkeypatch.setattr(room, "_environment", lambda *given: "environment")
     return tmp_path / "cache/datasets"
 
@@ -45,20 +46,28 @@ def test_other_content_in_the_cache_is_made_again(cache):
     ibdata.generate(ibdata.load("random", {"steps": 3}), cache / "random")
     _, train, _ = ibdata.make("random")
     assert len(train["rewards"]) == 72
+    ibdata.generate(ibdata.load("random", {"steps": 3}, 1), cache / "random-seed-1")
+    _, train, _ = ibdata.make("random", seed=1)
+    assert len(train["rewards"]) == 72
 
 
 def test_a_content_root_may_be_asked_for(cache, monkeypatch):
-    root = room.canonical_root("random")
-    ibdata.make(f"random@{root[:6]}")
-    with pytest.raises(UsageError, match=f"but the content root of random is {root}"):
+    root = room.canonical_root("random", ibdata.load("random"))
+    with pytest.raises(UsageError, match=f"but the content root is {root}: leave @"):
         ibdata.make("random@000000")
-    monkeypatch.setattr(room, "canonical_root", lambda name: "0" * 64)
+    assert not cache.exists()  # nothing was made
+    ibdata.make(f"random@{root[:6]}")
+    with pytest.raises(UsageError, match="take the seed"):
+        ibdata.make(f"random@{root[:6]}", seed=1)
+    monkeypatch.setattr(room, "canonical_root", lambda name, experiment: "0" * 64)
     with pytest.raises(DatasetError, match=f"random: found the content root {root}, expected 0000"):
         ibdata.make("random")
 
 
 def test_the_canonical_roots_are_those_of_the_list():
-    assert room.canonical_root("random").startswith("566ea3f2")
+    assert room.canonical_root("random", ibdata.load("random")).startswith("566ea3f2")
+    assert room.canonical_root("random", ibdata.load("random", seed=1)) is None
+    assert room._known("optimized-40") == "siemens-offline/optimized-40"
     with pytest.raises(UsageError, match=r"found 'randm', .* did you mean 'random'"):
         ibdata.make("randm")
 

@@ -116,4 +116,8 @@ def test_a_wrong_cost_is_one_line(cost, message):
 def test_a_cost_is_plain_data_that_gives_it_again():
     for cost in ({"fatigue": 60.0, "budget": 25.0}, {"runaway": True, "budget": 3.0}):
         assert cost_of(cost).plain() == cost
+    assert cost_of({"fatigue": np.int64(60), "budget": np.float32(25)}).plain() == {
+        "fatigue": 60.0,
+        "budget": 25.0,
+    }
     assert cost_of("runaway").plain() == {"runaway": True, "budget": 0.0}
