@@ -253,12 +253,12 @@ def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Aga
     Raises UsageError if there are none, or if no evaluation of the set has the chosen settings.
     """
     lines = shipped_baselines()
-    short = short_names(list(dict.fromkeys(line.set for line in lines)))
-    path = next((path for path, end in short.items() if name in (path, end)), None)
+    sets = list(dict.fromkeys(line.set for line in lines))
+    path = full_name(name, sets)
     if path is None:
-        known = ", ".join(short.values())
+        short = short_names(sets).values()
         raise UsageError(
-            f"--against: found {name!r}, expected one of {known}{suggestion(name, short.values())}"
+            f"--against: found {name!r}, expected one of {', '.join(short)}{suggestion(name, short)}"
         )
     if view.reward.kind != "classic":
         raise UsageError(f"--reward: found {view.reward.kind}, expected classic: --against compares with it")
@@ -271,6 +271,11 @@ def short_names(sets: Sequence[str]) -> dict[str, str]:
     """The names of sets without their suite, where that leaves no doubt."""
     ends = [path.rpartition("/")[2] for path in sets]
     return {path: end if ends.count(end) == 1 else path for path, end in zip(sets, ends, strict=True)}
+
+
+def full_name(name: str, sets: Sequence[str]) -> str | None:
+    """The name with its suite of the set that is named with or without it; None if there is none."""
+    return next((path for path, end in short_names(sets).items() if name in (path, end)), None)
 
 
 def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from ibdata.dataset.reader import Dataset
 from ibdata.dataset.selection import Selection
 from ibdata.environment import ID
 from ibdata.errors import BusyError, DatasetError, UsageError, missing, suggestion
-from ibdata.evaluation.baselines import short_names
+from ibdata.evaluation.baselines import full_name, short_names
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.shipped import shipped
 from ibdata.generation.generate import generate
@@ -94,10 +94,10 @@ def train_and_validation(dataset: Dataset) -> tuple[Selection, Selection]:
 
 def _known(name: str) -> str:
     """The name of a shipped experiment, given with or without its suite."""
-    short = short_names(list(shipped()))
-    known = next((path for path, end in short.items() if name in (path, end)), None)
+    sets = list(shipped())
+    known = full_name(name, sets)
     if known is None:
-        near = suggestion(name, [*short, *short.values()])
+        near = suggestion(name, [*sets, *short_names(sets).values()])
         raise UsageError(f"name: found {name!r}, expected one that ibdata config list prints{near}")
     return known
 
