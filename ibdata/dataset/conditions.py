@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dataset.models import Info
 from ibdata.errors import UsageError, suggestion
 from ibdata.numerics.naming import exact
 
@@ -47,6 +48,22 @@ def _one_of(value: Any, known: Sequence[Any]) -> str:
 
 def _shown(value: Any) -> str:
     return exact(float(value)) if isinstance(value, Real) else repr(value)
+
+
+def checked_columns(columns: Columns, info: Info) -> list[str]:
+    """The names of columns of the dataset, by default all. Raises UsageError for one that it does not have."""
+    known = [column.name for column in info.columns]
+    if columns is None:
+        return known
+    if not columns or len(set(columns)) < len(columns):
+        raise UsageError(f"columns: found {columns!r}, expected a list of different names")
+    return known_of("column", columns, known)
+
+
+def refuse_columns(columns: Columns) -> None:
+    """Raise UsageError if columns are named beside a view."""
+    if columns is not None:
+        raise UsageError("columns: found columns beside a view, which has its own; leave one out")
 
 
 def limits_of(returns: tuple[float | None, float | None]) -> tuple[float, float]:

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
@@ -20,15 +19,16 @@ from ibdata.dataset.conditions import (
     Policy,
     Setpoint,
     Split,
+    checked_columns,
     checked_history,
     checked_length,
-    known_of,
+    refuse_columns,
 )
 from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.dataset.splits import with_later
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import ColumnStatistics
-from ibdata.dataset.transitions import as_batch, left_out, needed, transitions
+from ibdata.dataset.transitions import as_batch, first_rows, left_out, needed, transitions
 from ibdata.dataset.viewed import arrays_of, batches_of, windows_of
 from ibdata.dataset.windows import Windows
 from ibdata.errors import UsageError
@@ -45,17 +45,10 @@ class Readable(ABC):
 
     stored: Stored
 
+    @property
     @abstractmethod
-    def select(
-        self,
-        split: Split = None,
-        *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
-        episodes: Numbers = None,
-        returns: Limits = None,
-    ) -> Selection:
-        """The episodes that meet all of these conditions, see `Dataset.select`."""
+    def _everything(self) -> Selection:
+        """All of its episodes."""
 
     @abstractmethod
     def __len__(self) -> int:
@@ -82,6 +75,33 @@ class Readable(ABC):
         mask, table = self.select().mask, with_later(self.stored.episodes, self.stored.splits)
         frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
         return frame if mask is None else frame[mask]
+
+    @public
+    def select(
+        self,
+        split: Split = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+        episodes: Numbers = None,
+        returns: Limits = None,
+    ) -> Selection:
+        """The episodes that meet all of these conditions.
+
+        Rows of the selection are read as those of the dataset: `ds.select("train").arrays()`. Functions that
+        take the rows of a dataset, such as `quality`, `importance` and `export`, take a selection too.
+
+        Args:
+            split: In this split, or in one of these.
+            setpoint: At this setpoint, or at one of these; moving ones count by their first value.
+            policy: Of the policy with this label, or with one of these.
+            episodes: With this number, or with one of these, such as range(100).
+            returns: With an undiscounted return within (lowest, highest), both included; None for no limit.
+
+        Raises:
+            UsageError: The dataset has no such split, setpoint, policy or episode, or no limits are given.
+        """
+        return self._everything.narrowed(split, setpoint, policy, episodes, returns)
 
     @public
     def returns(self) -> Returns:
@@ -127,8 +147,8 @@ class Readable(ABC):
         """
         chosen = self._chosen(split, setpoint, policy)
         if view is None:
-            return chosen.rows(self._columns(columns))
-        _refuse_columns(columns)
+            return chosen.rows(checked_columns(columns, self.stored.info))
+        refuse_columns(columns)
         info, options = self.stored.info, view_of(view)
         shown = transitions(chosen.rows(needed(info, options)), info, options)
         return pa.Table.from_batches([as_batch(shown, options.frame(info.drifting))])
@@ -150,11 +170,7 @@ class Readable(ABC):
         chosen = self._chosen(split, setpoint, policy)
         frame: pd.DataFrame = chosen.table(columns, view=view).to_pandas(ignore_metadata=True)
         if len(frame) < self.stored.manifest.rows:
-            lengths = self.stored.episodes["length"].to_numpy()
-            inside = np.repeat(chosen.inside, lengths)
-            if left_out(self.stored.info, view_of(view)):
-                inside[np.cumsum(lengths) - 1] = False
-            frame.index = np.flatnonzero(inside)
+            frame.index = chosen.row_numbers(left_out(self.stored.info, view_of(view)))
         return frame
 
     @public
@@ -186,14 +202,8 @@ class Readable(ABC):
         elif chosen.mask is not None:
             raise UsageError("at: found a split or a selection too; leave one of them out")
         else:
-            batches = self.stored.batches_from(at, self._columns(columns), rows)
-        parts, missing = [], rows
-        for batch in batches:
-            parts.append(batch.slice(0, missing))
-            missing -= parts[-1].num_rows
-            if not missing:
-                break
-        return pa.Table.from_batches(parts)
+            batches = self.stored.batches_from(at, checked_columns(columns, self.stored.info), rows)
+        return first_rows(batches, rows)
 
     @public
     def iter_batches(
@@ -215,8 +225,8 @@ class Readable(ABC):
         checked_length(batch_rows, "batch_rows")
         chosen = self._chosen(split, setpoint, policy)
         if view is None:
-            return chosen.batches(self._columns(columns), batch_rows)
-        _refuse_columns(columns)
+            return chosen.batches(checked_columns(columns, self.stored.info), batch_rows)
+        refuse_columns(columns)
         options = view_of(view)
         frame = options.frame(self.stored.info.drifting)
         return batches_of(chosen.transitions(options, batch_rows), frame, batch_rows)
@@ -256,7 +266,7 @@ class Readable(ABC):
             DatasetError: A file is missing or damaged.
         """
         drop, options = checked_history(history, pad), view_of(view)
-        more = self._columns(columns) if len(columns) else []
+        more = checked_columns(columns, self.stored.info) if len(columns) else []
         names = list(dict.fromkeys([*needed(self.stored.info, options), *more]))
         table = self._chosen(split, setpoint, policy).rows(names)
         return arrays_of(table, self.stored.info, options, history, drop, more)
@@ -323,16 +333,3 @@ class Readable(ABC):
         chosen = self.select(split, setpoint=setpoint, policy=policy)
         chosen.refuse_empty()
         return chosen
-
-    def _columns(self, columns: Columns) -> list[str]:
-        known = [column.name for column in self.stored.info.columns]
-        if columns is None:
-            return known
-        if not columns or len(set(columns)) < len(columns):
-            raise UsageError(f"columns: found {columns!r}, expected a list of different names")
-        return known_of("column", columns, known)
-
-
-def _refuse_columns(columns: Columns) -> None:
-    if columns is not None:
-        raise UsageError("columns: found columns beside a view, which has its own; leave one out")

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ibdata.arguments import public
-from ibdata.dataset.conditions import Limits, Numbers, Policy, Setpoint, Split
 from ibdata.dataset.readable import Readable
 from ibdata.dataset.selection import Selection
 from ibdata.dataset.splits import Splits
@@ -69,6 +68,10 @@ class Dataset(Readable):
         return self.stored.manifest.rows
 
     @property
+    def _everything(self) -> Selection:
+        return Selection(self.stored)
+
+    @property
     def path(self) -> Path:
         """The folder. Raises UsageError for a dataset at a URL."""
         return self.storage.path
@@ -84,33 +87,6 @@ class Dataset(Readable):
         keys = {"episodes", "rows", "declared"}
         return Splits({name: entry.model_dump(include=keys) for name, entry in self.stored.splits.items()})
 
-    @public
-    def select(
-        self,
-        split: Split = None,
-        *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
-        episodes: Numbers = None,
-        returns: Limits = None,
-    ) -> Selection:
-        """The episodes that meet all of these conditions.
-
-        Rows of the selection are read as those of the dataset: `ds.select("train").arrays()`. Functions that
-        take the rows of a dataset, such as `quality`, `importance` and `export`, take a selection too.
-
-        Args:
-            split: In this split, or in one of these.
-            setpoint: At this setpoint, or at one of these; moving ones count by their first value.
-            policy: Of the policy with this label, or with one of these.
-            episodes: With this number, or with one of these, such as range(100).
-            returns: With an undiscounted return within (lowest, highest), both included; None for no limit.
-
-        Raises:
-            UsageError: The dataset has no such split, setpoint, policy or episode, or no limits are given.
-        """
-        everything = Selection(self.stored)
-        return everything.select(split, setpoint=setpoint, policy=policy, episodes=episodes, returns=returns)
 
 
 Place = Dataset | str | os.PathLike[str]

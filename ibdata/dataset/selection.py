@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.arguments import public
 from ibdata.dataset.conditions import (
     Limits,
     Numbers,
@@ -66,17 +65,14 @@ class Selection(Readable):
         table = self.stored.episodes
         return table if self.mask is None else table.filter(self.mask)
 
-    @public
-    def select(
-        self,
-        split: Split = None,
-        *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
-        episodes: Numbers = None,
-        returns: Limits = None,
+    @property
+    def _everything(self) -> Selection:
+        return self
+
+    def narrowed(
+        self, split: Split, setpoint: Setpoint, policy: Policy, episodes: Numbers, returns: Limits
     ) -> Selection:
-        """Those of these episodes that meet further conditions, see `Dataset.select`."""
+        """Those of these episodes that meet further conditions, see `select`."""
         others = (setpoint, policy, episodes, returns)
         has_others = any(condition is not None for condition in others)
         if split is None and not has_others:
@@ -94,6 +90,14 @@ class Selection(Readable):
                 "split, setpoint, policy, episodes, returns: found no episode that meets all, "
                 "expected at least one"
             )
+
+    def row_numbers(self, without_last: bool) -> npt.NDArray[np.int64]:
+        """The numbers of the rows in the dataset, perhaps without the last of each episode."""
+        lengths = self.stored.episodes["length"].to_numpy()
+        inside = np.repeat(self.inside, lengths)
+        if without_last:
+            inside[np.cumsum(lengths) - 1] = False
+        return np.flatnonzero(inside)
 
     def rows(self, columns: Sequence[str]) -> pa.Table:
         """These columns of all rows."""

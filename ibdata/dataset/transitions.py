@@ -56,6 +56,17 @@ def whole_episodes(batches: Iterable[pa.RecordBatch], place: Any) -> Iterator[pa
         raise DatasetError(f"{place}: the last episode has no end, see ibdata validate")
 
 
+def first_rows(batches: Iterable[pa.RecordBatch], rows: int) -> pa.Table:
+    """So many rows, of as few batches as have them."""
+    parts: list[pa.RecordBatch] = []
+    for batch in batches:
+        parts.append(batch.slice(0, rows))
+        rows -= parts[-1].num_rows
+        if not rows:
+            break
+    return pa.Table.from_batches(parts)
+
+
 def needed(info: Info, options: ViewOptions) -> list[str]:
     """The columns from which `transitions` are made.
 

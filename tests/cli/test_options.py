@@ -25,7 +25,7 @@ PREVIEWED = {"workers": 3, "allow_code": True}
 CHOICE = "--split target --setpoint 70 --policy random --policy calm --episodes 0-2,5 --returns -inf 3"
 CHOSEN = {"split": "target", "setpoint": 70.0, "policy": ["random", "calm"], "episodes": [0, 1, 2, 5],
           "returns": [-math.inf, 3.0]}  # fmt: skip
-SELECT = "ibdata.dataset.selection.Selection.select"
+SELECT = "ibdata.dataset.readable.Readable.select"
 TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ("card $D", "ibdata.maintenance.card.card", {"folder": DATA}),
     ("diff $D $D", "ibdata.dataset.difference.difference", {"a": DATA, "b": DATA}),
