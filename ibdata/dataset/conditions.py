@@ -51,7 +51,7 @@ def _shown(value: Any) -> str:
 
 
 def checked_columns(columns: Columns, info: Info) -> list[str]:
-    """The names of columns of the dataset, by default all. Raises UsageError for one that it does not have."""
+    """Names of columns of the dataset, by default all. Raises UsageError for one that it does not have."""
     known = [column.name for column in info.columns]
     if columns is None:
         return known

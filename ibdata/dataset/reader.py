@@ -88,7 +88,6 @@ class Dataset(Readable):
         return Splits({name: entry.model_dump(include=keys) for name, entry in self.stored.splits.items()})
 
 
-
 Place = Dataset | str | os.PathLike[str]
 Rows = Dataset | Selection | str | os.PathLike[str]  # of which rows can be read
 

@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.dataset.models import JsonObject, Sha256
-from ibdata.errors import UsageError, suggestion
+from ibdata.errors import UsageError
 from ibdata.experiment.scenario import scenario_of
+from ibdata.experiment.shipped import full_name
 from ibdata.numerics.confidence import estimate
 from ibdata.numerics.naming import exact
 from ibdata.views.options import ViewOptions
@@ -45,16 +46,16 @@ class Evaluated(JsonObject):
     discount: float
     episodes: int  # at each setpoint
     seed: int
-    mean_return: float | None
-    standard_error: float | None
-    p10: float | None
+    mean_return: float | None = None
+    standard_error: float | None = None
+    p10: float | None = None
     failure: str | None = None
-    returns: str | None  # (setpoints, episodes): base64 of little-endian float32
+    returns: str | None = None  # (setpoints, episodes): base64 of little-endian float32
 
     @property
     def settings(self) -> dict[str, Any]:
         """The arguments of `evaluate`."""
-        return {name: getattr(self, name) for name in SETTINGS}
+        return self.model_dump(include=SETTINGS)
 
     @property
     def values(self) -> Floats | None:
@@ -65,7 +66,7 @@ class Evaluated(JsonObject):
         return values.reshape(-1, self.episodes)
 
 
-SETTINGS = ("setpoint", "start", "dynamics", "steps", "discount", "episodes", "seed")
+SETTINGS = {"setpoint", "start", "dynamics", "steps", "discount", "episodes", "seed"}
 
 
 class ModelErrors(JsonObject):
@@ -112,9 +113,7 @@ class Baseline(JsonObject):
 def measured(settings: Mapping[str, Any], returns: Floats | None, failure: str | None = None) -> Evaluated:
     """The returns (setpoints, episodes) in an evaluation, rounded to float32; None if the policy failed."""
     if returns is None:
-        return Evaluated(
-            **settings, mean_return=None, standard_error=None, p10=None, failure=failure, returns=None
-        )
+        return Evaluated(**settings, failure=failure)
     kept = returns.astype("<f4")
     values = kept.astype(np.float64)
     mean, error, _ = estimate(list(values))
@@ -129,10 +128,8 @@ def measured(settings: Mapping[str, Any], returns: Floats | None, failure: str |
 
 def shipped_baselines(files: Sequence[Path] = (FILE, PROTOTYPES)) -> list[Baseline]:
     """The lines of some files, in their order."""
-    lines = [
-        line for file in files if file.exists() for line in file.read_text(encoding="utf-8").splitlines()
-    ]
-    return [Baseline.model_validate_json(line) for line in lines]
+    texts = [file.read_text(encoding="utf-8") for file in files if file.exists()]
+    return [Baseline.model_validate_json(line) for text in texts for line in text.splitlines()]
 
 
 @public
@@ -160,25 +157,21 @@ def baselines(published: bool = False) -> pd.DataFrame:
     return _beside_published() if published else _trained()
 
 
-RUN = ("set", "trained_on", "algorithm", "seed")
-TRAINING = ("training_steps", "seconds", "cpu_seconds", "content_root", "hyperparameters", "versions")
-RESULT = ("mean_return", "standard_error", "p10", "failure")
+RUN = {"set", "trained_on", "algorithm", "seed"}
 
 
 def _trained() -> pd.DataFrame:
     import pandas as pd
 
-    rows = [
-        {name: getattr(line, name) for name in RUN}
-        | {name: getattr(evaluated, name) for name in (*SETTINGS[:-1], *RESULT)}
-        | {"returns": evaluated.values}
-        | {name: getattr(line, name) for name in TRAINING}
-        for line in shipped_baselines()
-        for evaluated in line.evaluations
-    ]
-    return pd.DataFrame(rows).astype(
-        {"seed": "Int64", "mean_return": "float64", "standard_error": "float64", "p10": "float64"}
-    )
+    rows = []
+    for line in shipped_baselines():
+        run = line.model_dump(include=RUN)
+        training = line.model_dump(exclude={*RUN, "evaluations", "model_errors"})
+        for evaluated in line.evaluations:
+            result = evaluated.model_dump(exclude={"seed"})
+            rows.append({**run, **result, "returns": evaluated.values, **training})
+    measures = ("mean_return", "standard_error", "p10")
+    return pd.DataFrame(rows).astype({"seed": "Int64", **dict.fromkeys(measures, "float64")})
 
 
 def _beside_published() -> pd.DataFrame:
@@ -222,7 +215,7 @@ class Against(NamedTuple):
     def notes(self) -> Iterator[str]:
         """The settings of the evaluation, as a line."""
         for name in dict.fromkeys(line.set for line in self.lines):
-            yield f"against {name}: {_text(_forms(self.settings))}"
+            yield f"against {name}: {_text(_form(self.settings))}"
 
     def compared(self, labels: Sequence[str], returns: Floats) -> list[Comparison]:
         """Compare policies, by their returns (policies, setpoints, episodes), with each algorithm."""
@@ -253,66 +246,39 @@ def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Aga
     Raises UsageError if there are none, or if no evaluation of the set has the chosen settings.
     """
     lines = shipped_baselines()
-    sets = list(dict.fromkeys(line.set for line in lines))
-    path = full_name(name, sets)
-    if path is None:
-        short = short_names(sets).values()
-        raise UsageError(
-            f"--against: found {name!r}, expected one of {', '.join(short)}{suggestion(name, short)}"
-        )
+    path = full_name("against", name, list(dict.fromkeys(line.set for line in lines)))
     if view.reward.kind != "classic":
-        raise UsageError(f"--reward: found {view.reward.kind}, expected classic: --against compares with it")
+        raise UsageError(f"reward: found {view.reward.kind}, expected classic: against compares with it")
     of_set = [line for line in lines if line.set == path]
     settings = _agreeing(name, [e.settings for line in of_set for e in line.evaluations], chosen)
     return Against(settings, [x for x in of_set if any(e.settings == settings for e in x.evaluations)])
 
 
-def short_names(sets: Sequence[str]) -> dict[str, str]:
-    """The names of sets without their suite, where that leaves no doubt."""
-    ends = [path.rpartition("/")[2] for path in sets]
-    return {path: end if ends.count(end) == 1 else path for path, end in zip(sets, ends, strict=True)}
-
-
-def full_name(name: str, sets: Sequence[str]) -> str | None:
-    """The name with its suite of the set that is named with or without it; None if there is none."""
-    return next((path for path, end in short_names(sets).items() if name in (path, end)), None)
-
-
 def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[str, Any]) -> dict[str, Any]:
     """The first settings that agree with the chosen ones. Raises UsageError if there are none."""
-    nearest: dict[str, Any] = {}
-    for settings in evaluations:
-        expected = _forms(settings)
-        asked = _forms({**settings, **chosen})
-        differing = {key: value for key, value in asked.items() if value != expected[key]}
-        if not differing:
-            return settings
-        if not nearest or len(differing) < len(nearest["found"]):
-            nearest = {"found": differing, "expected": expected}
-    key, value = next(iter(nearest["found"].items()))
-    known = dict.fromkeys(_shown(_forms(settings)[key]) for settings in evaluations)
+    different = {repr(settings): settings for settings in evaluations}.values()
+    forms = [_form(settings) for settings in different]
+    asked = [_form({**settings, **chosen}) for settings in different]
+    differing = [
+        [key for key in form if form[key] != other[key]] for form, other in zip(forms, asked, strict=True)
+    ]
+    nearest = min(range(len(forms)), key=lambda i: len(differing[i]))
+    if not differing[nearest]:
+        return list(different)[nearest]
+    key = differing[nearest][0]
+    known = dict.fromkeys(_shown(form[key]) for form in forms)
     raise UsageError(
-        f"--{key}: found {_shown(value)}, expected {' or '.join(known)}: --against {name} "
-        f"compares with the returns of {_text(nearest['expected'])}"
+        f"{key}: found {_shown(asked[nearest][key])}, expected {' or '.join(known)}: against {name} "
+        f"compares with the returns of {_text(forms[nearest])}"
     )
 
 
-def _forms(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings in one form each, so that equal ones are equal."""
-    settings = dict(settings)
-    discount = settings.pop("discount")
-    scenario = scenario_of(**settings)
-    [point, *others] = scenario.points
-    points = scenario.points if others else point
-    return {
-        "setpoint": {"drifting": points} if scenario.drifting else points,
-        "start": scenario.start_form,
-        "dynamics": scenario.dynamics,
-        "steps": scenario.steps,
-        "discount": discount,
-        "episodes": scenario.episodes,
-        "seed": scenario.seed,
-    }
+def _form(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings in one form, so that equal ones are equal."""
+    scenario = scenario_of(**{key: value for key, value in settings.items() if key != "discount"})
+    points = scenario.points if len(scenario.points) > 1 else scenario.points[0]
+    setpoint = {"drifting": points} if scenario.drifting else points
+    return {**settings, "setpoint": setpoint, "start": scenario.start_form, "dynamics": scenario.dynamics}
 
 
 def _text(settings: Mapping[str, Any]) -> str:

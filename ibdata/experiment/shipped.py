@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ibdata.errors import UsageError, suggestion
@@ -47,6 +47,20 @@ def find(config: str | os.PathLike[str]) -> Path:
             f"{suggestion(name, known)}"
         )
     return known[name]
+
+
+def full_name(what: str, name: str, sets: Sequence[str]) -> str:
+    """The name with its suite of the set that is named with or without it, where that leaves no doubt.
+
+    Raises UsageError if none of the sets has the name.
+    """
+    ends = [path.rpartition("/")[2] for path in sets]
+    short = [end if ends.count(end) == 1 else path for path, end in zip(sets, ends, strict=True)]
+    for path, end in zip(sets, short, strict=True):
+        if name in (path, end):
+            return path
+    near = suggestion(name, [*sets, *short])
+    raise UsageError(f"{what}: found {name!r}, expected one of {', '.join(short)}{near}")
 
 
 def _short(names: Iterable[str]) -> list[str]:

@@ -15,10 +15,9 @@ from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.selection import Selection
 from ibdata.environment import ID
-from ibdata.errors import BusyError, DatasetError, UsageError, missing, suggestion
-from ibdata.evaluation.baselines import full_name, short_names
+from ibdata.errors import BusyError, DatasetError, UsageError, missing
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.shipped import shipped
+from ibdata.experiment.shipped import full_name, shipped
 from ibdata.generation.generate import generate
 from ibdata.generation.target import is_of
 from ibdata.numerics.naming import exact
@@ -64,7 +63,7 @@ def make(
         IbdataError: Gymnasium is not installed.
     """
     short_name, _, beginning = name.partition("@")
-    set_name = _known(short_name)
+    set_name = full_name("name", short_name, list(shipped()))
     experiment = load(set_name, seed=seed)
     environment = _environment(experiment, setpoint, history, view)
     root = canonical_root(set_name, experiment)
@@ -90,16 +89,6 @@ def train_and_validation(dataset: Dataset) -> tuple[Selection, Selection]:
         groups = [numbers]
     last = np.concatenate([group[len(group) - max(1, len(group) // TENTH) :] for group in groups])
     return dataset.select(episodes=np.setdiff1d(numbers, last)), dataset.select(episodes=last)
-
-
-def _known(name: str) -> str:
-    """The name of a shipped experiment, given with or without its suite."""
-    sets = list(shipped())
-    known = full_name(name, sets)
-    if known is None:
-        near = suggestion(name, [*sets, *short_names(sets).values()])
-        raise UsageError(f"name: found {name!r}, expected one that ibdata config list prints{near}")
-    return known
 
 
 def _refuse_other_content(name: str, beginning: str, root: str | None) -> None:

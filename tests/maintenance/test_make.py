@@ -10,6 +10,7 @@ import pytest
 
 import ibdata
 from ibdata.errors import DatasetError, UsageError
+from ibdata.experiment.shipped import full_name, shipped
 from ibdata.maintenance import make as room
 
 
@@ -67,7 +68,7 @@ def test_a_content_root_may_be_asked_for(cache, monkeypatch):
 def test_the_canonical_roots_are_those_of_the_list():
     assert room.canonical_root("random", ibdata.load("random")).startswith("566ea3f2")
     assert room.canonical_root("random", ibdata.load("random", seed=1)) is None
-    assert room._known("optimized-40") == "siemens-offline/optimized-40"
+    assert full_name("name", "optimized-40", list(shipped())) == "siemens-offline/optimized-40"
     with pytest.raises(UsageError, match=r"found 'randm', .* did you mean 'random'"):
         ibdata.make("randm")
 
