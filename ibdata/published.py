@@ -17,7 +17,7 @@ import numpy.typing as npt
 from ibdata.dynamics import SIEMENS, Noise, State, step
 from ibdata.dynamics.consumption import FATIGUE_WEIGHT, PENALTY_WEIGHT
 from ibdata.dynamics.setpoint import segment_rate
-from ibdata.dynamics.state import COSTS, NO_DRIFT
+from ibdata.dynamics.state import COSTS, NO_DRIFT, Floats
 from ibdata.dynamics.step import advance
 from ibdata.errors import UsageError, excerpt, missing
 from ibdata.variables import rows
@@ -27,8 +27,6 @@ try:
 except ModuleNotFoundError:  # only the spaces need it
     gymnasium = None
 Env: Any = gymnasium.Env if gymnasium else object
-
-Floats = npt.NDArray[np.float64]
 
 VARIABLES = {  # of ibdata, by the keys of the published state that follow "o", in their order
     "coc": "theta_0", "fb": "basic_fatigue", "oc": "convolved_cost", "hg": "mu_g", "hv": "mu_v",
@@ -214,14 +212,14 @@ class IBGym(Env):
     def observation_space(self) -> Any:
         """A box with the published bounds, which consumption exceeds, or with valid ones. Needs Gymnasium."""
         spaces = _spaces("IBGym.observation_space")
-        bounds = np.array([[0.0] * 6, [100.0] * 4 + [1000.0] * 2])
+        kind = np.float64 if self.new_step_api else np.float32
+        bounds = np.array([[0.0] * 6, [100.0] * 4 + [1000.0] * 2], kind)
         if self.new_step_api:
             from ibdata.environment.settings import consumption_bounds
 
             bounds[:, 5] = consumption_bounds(SIEMENS)
-        kind = np.dtype(np.float64 if self.new_step_api else np.float32)
         frames = self.n_past_timesteps if self.observation_type == "include_past" else 1
-        low, high = np.tile(bounds, frames).astype(kind)
+        low, high = np.tile(bounds, frames)
         return spaces.Box(low, high, dtype=kind)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
@@ -281,10 +279,9 @@ class IBGym(Env):
 
     def _markovian_state(self) -> OrderedDict[str, Any]:
         state = self.IB.state
-        info = OrderedDict((name, state[key]) for name, key in OBSERVED.items())
-        info.update((f"op_cost_t{i}", cost) for i, cost in enumerate(state["o"]))  # the oldest first
-        info.update((name, state[key]) for name, key in HIDDEN.items())
-        return info
+        costs = {f"op_cost_t{i}": cost for i, cost in enumerate(state["o"])}  # the oldest first
+        observed, hidden = ({name: state[key] for name, key in keys.items()} for keys in (OBSERVED, HIDDEN))
+        return OrderedDict({**observed, **costs, **hidden})
 
 
 def _spaces(what: str) -> Any:

@@ -104,11 +104,6 @@ class Baseline(JsonObject):
         """The set, the data, the algorithm and the seed."""
         return self.set, self.trained_on, self.algorithm, self.seed
 
-    @property
-    def label(self) -> str:
-        """The algorithm and the seed."""
-        return self.algorithm if self.seed is None else f"{self.algorithm} seed {self.seed}"
-
 
 def measured(settings: Mapping[str, Any], returns: Floats | None, failure: str | None = None) -> Evaluated:
     """The returns (setpoints, episodes) in an evaluation, rounded to float32; None if the policy failed."""
@@ -207,37 +202,39 @@ class Comparison(NamedTuple):
 
 
 class Against(NamedTuple):
-    """The baselines of a set that were evaluated with some settings."""
+    """The baselines of a set with their evaluation that has some settings."""
 
     settings: dict[str, Any]
-    lines: list[Baseline]
+    evaluated: list[tuple[Baseline, Evaluated]]
 
     def notes(self) -> Iterator[str]:
         """The settings of the evaluation, as a line."""
-        for name in dict.fromkeys(line.set for line in self.lines):
+        for name in dict.fromkeys(line.set for line, _ in self.evaluated):
             yield f"against {name}: {_text(_form(self.settings))}"
 
     def compared(self, labels: Sequence[str], returns: Floats) -> list[Comparison]:
         """Compare policies, by their returns (policies, setpoints, episodes), with each algorithm."""
-        groups: dict[tuple[str, str], list[Baseline]] = {}
-        for line in self.lines:
-            groups.setdefault((line.trained_on, line.algorithm), []).append(line)
+        runs: dict[tuple[str, str, str], list[Floats]] = {}
+        for line, evaluated in self.evaluated:
+            values = runs.setdefault((line.set, line.trained_on, line.algorithm), [])
+            if evaluated.values is not None:
+                values.append(evaluated.values)
         return [
-            self._comparison(group, label, of_policy)
+            _comparison(run, values, label, of_policy)
             for label, of_policy in zip(labels, returns, strict=True)
-            for group in groups.values()
+            for run, values in runs.items()
         ]
 
-    def _comparison(self, lines: Sequence[Baseline], policy: str, returns: Floats) -> Comparison:
-        """Compare a policy with the runs of one algorithm on the same data."""
-        run = (lines[0].set, lines[0].trained_on, lines[0].algorithm)
-        evaluations = [e for line in lines for e in line.evaluations if e.settings == self.settings]
-        values = [e.values for e in evaluations if e.values is not None]
-        if not values:
-            return Comparison(*run, 0, None, None, None, policy, None, None, None)
-        means = [float(of_seed.mean()) for of_seed in values]
-        mean, difference = sum(means) / len(means), estimate(list(returns - np.mean(values, axis=0)))
-        return Comparison(*run, len(values), mean, min(means), max(means), policy, *difference)
+
+def _comparison(
+    run: tuple[str, str, str], values: Sequence[Floats], policy: str, returns: Floats
+) -> Comparison:
+    """Compare a policy with what the seeds of an algorithm returned."""
+    if not values:
+        return Comparison(*run, 0, None, None, None, policy, None, None, None)
+    means = [float(of_seed.mean()) for of_seed in values]
+    mean, difference = sum(means) / len(means), estimate(list(returns - np.mean(values, axis=0)))
+    return Comparison(*run, len(values), mean, min(means), max(means), policy, *difference)
 
 
 def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Against:
@@ -249,27 +246,27 @@ def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Aga
     path = full_name("against", name, list(dict.fromkeys(line.set for line in lines)))
     if view.reward.kind != "classic":
         raise UsageError(f"reward: found {view.reward.kind}, expected classic: against compares with it")
-    of_set = [line for line in lines if line.set == path]
-    settings = _agreeing(name, [e.settings for line in of_set for e in line.evaluations], chosen)
-    return Against(settings, [x for x in of_set if any(e.settings == settings for e in x.evaluations)])
+    of_set = [(line, evaluated) for line in lines if line.set == path for evaluated in line.evaluations]
+    settings = _agreeing(name, [evaluated.settings for _, evaluated in of_set], chosen)
+    return Against(settings, [pair for pair in of_set if pair[1].settings == settings])
 
 
 def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[str, Any]) -> dict[str, Any]:
     """The first settings that agree with the chosen ones. Raises UsageError if there are none."""
-    different = {repr(settings): settings for settings in evaluations}.values()
-    forms = [_form(settings) for settings in different]
-    asked = [_form({**settings, **chosen}) for settings in different]
-    differing = [
-        [key for key in form if form[key] != other[key]] for form, other in zip(forms, asked, strict=True)
-    ]
-    nearest = min(range(len(forms)), key=lambda i: len(differing[i]))
-    if not differing[nearest]:
-        return list(different)[nearest]
-    key = differing[nearest][0]
+    different = {repr(settings): settings for settings in evaluations}  # which are few
+    forms = [_form(settings) for settings in different.values()]
+    differences = []
+    for settings, form in zip(different.values(), forms, strict=True):
+        asked = _form({**settings, **chosen})
+        differences.append({key: value for key, value in asked.items() if value != form[key]})
+        if not differences[-1]:
+            return settings
+    fewest, nearest = min(zip(differences, forms, strict=True), key=lambda pair: len(pair[0]))
+    key, value = next(iter(fewest.items()))
     known = dict.fromkeys(_shown(form[key]) for form in forms)
     raise UsageError(
-        f"{key}: found {_shown(asked[nearest][key])}, expected {' or '.join(known)}: against {name} "
-        f"compares with the returns of {_text(forms[nearest])}"
+        f"{key}: found {_shown(value)}, expected {' or '.join(known)}: against {name} "
+        f"compares with the returns of {_text(nearest)}"
     )
 
 

@@ -9,14 +9,16 @@ constant memory.
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ibdata.dataset.statistics import Moments, merged, moments
 from ibdata.exporters._arrays import PARQUET, vectors
 from ibdata.exporters._view import Array, Arrays, Block, View
 from ibdata.numerics.naming import exact
@@ -24,16 +26,45 @@ from ibdata.views.options import ACTIONS
 from ibdata.writing.metadata import as_json
 
 COSTS = True  # it has a place for them
-VERSION = "v3.0"
 FPS = 1  # frames per second; a step of the benchmark has no duration
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 CHUNK_FILES = 1000
 FILE_MB = 100
-VIDEO_MB = 200  # of videos that others may add
 EPISODES = 100  # rows of a row group in meta/episodes
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
-Statistics = dict[str, Arrays]  # of each feature, by their names
+
+class Statistics(NamedTuple):
+    """The statistics of a feature."""
+
+    kind: Any  # the type of its numbers
+    moments: Moments
+    quantiles: Array  # (quantiles, numbers)
+
+    @classmethod
+    def of(cls, array: Array) -> Statistics:
+        """The statistics of a feature in an episode."""
+        numbers = np.array(array.reshape(len(array), -1).T, np.float64, order="C")
+        return cls(array.dtype, moments(numbers), np.quantile(numbers, list(QUANTILES.values()), axis=1))
+
+    def with_more(self, more: Statistics) -> Statistics:
+        """Those of both. A quantile is the mean of both quantiles, as LeRobot combines them."""
+        both = merged(self.moments, more.moments)
+        share = more.moments.rows / both.rows
+        return Statistics(self.kind, both, self.quantiles + share * (more.quantiles - self.quantiles))
+
+    def plain(self) -> dict[str, list[Any]]:
+        """Lists by the names that LeRobot has."""
+        of = self.moments
+        numbers = {
+            "min": of.low.astype(self.kind),
+            "max": of.high.astype(self.kind),
+            "mean": of.mean,
+            "std": np.sqrt(of.squares / of.rows),
+            "count": np.array([of.rows]),
+            **dict(zip(QUANTILES, self.quantiles, strict=True)),
+        }
+        return {name: values.tolist() for name, values in numbers.items()}
 
 
 class _Files:
@@ -45,12 +76,10 @@ class _Files:
         self.number = 0
         self.writer: Any = None
 
-    def __enter__(self) -> _Files:
-        return self
-
-    def __exit__(self, *failure: object) -> None:
+    def close(self) -> None:
         if self.writer:
             self.writer.close()
+            self.writer = None
 
     @property
     def path(self) -> Path:
@@ -60,8 +89,7 @@ class _Files:
     def place(self, table: pa.Table) -> tuple[int, int]:
         """The numbers of the chunk and the file that the table goes to."""
         if self.writer and self.path.stat().st_size + table.nbytes > FILE_MB * 2**20:
-            self.writer.close()
-            self.writer = None
+            self.close()
             self.number += 1
         return divmod(self.number, CHUNK_FILES)
 
@@ -79,26 +107,27 @@ def export(view: View, path: Path, target: Path) -> str:
     view.refuse_no_rows()
     metadata = {"view": json.dumps(view.plain())}
     meta = path / "meta"
+    data, episodes = _Files(path / "data", metadata), _Files(meta / "episodes", metadata)
     start = 0
     tasks: dict[str, int] = {}
-    total: Statistics = {}
+    total: dict[str, Statistics] = {}
     rows: list[dict[str, Any]] = []
-    with _Files(path / "data", metadata) as data, _Files(meta / "episodes", metadata) as episodes:
+    with closing(data), closing(episodes):
         for number, block in enumerate(view.episode_blocks()):
             task = _task(view, block)
             columns = _columns(block, number, start, tasks.setdefault(task, len(tasks)))
             frames = pa.table({name: _column(array) for name, array in columns.items()})
             place = data.place(frames)
             data.write(frames)
-            statistics = {name: _statistics(array) for name, array in columns.items()}
-            total = _combined(total, statistics) if total else statistics
+            statistics = {name: Statistics.of(array) for name, array in columns.items()}
+            total = {name: total[name].with_more(x) if total else x for name, x in statistics.items()}
             rows.append(_episode(number, task, place, range(start, start + len(frames)), statistics))
             start += len(frames)
             if len(rows) == EPISODES or start == view.rows:
                 _write_episodes(rows, episodes)
                 rows.clear()
     _write_tasks(tasks, meta / "tasks.parquet", metadata)
-    (meta / "stats.json").write_bytes(as_json(_lists(total)))
+    (meta / "stats.json").write_bytes(as_json({name: x.plain() for name, x in total.items()}))
     (meta / "info.json").write_bytes(as_json(_info(view, columns, len(tasks))))
     return f"""\
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -139,52 +168,10 @@ def _column(array: Array) -> pa.Array:
     return pa.array(array.reshape(-1)) if array.size == len(array) else vectors(array)
 
 
-def _statistics(array: Array) -> Arrays:
-    """The statistics of a feature in an episode, as LeRobot names them."""
-    numbers = array.reshape(len(array), -1)
-    exactly = numbers.astype(np.float64)
-    quantiles = np.quantile(exactly, list(QUANTILES.values()), axis=0)
-    return {
-        "min": numbers.min(axis=0),
-        "max": numbers.max(axis=0),
-        "mean": exactly.mean(axis=0),
-        "std": exactly.std(axis=0),
-        "count": np.array([len(numbers)]),
-        **dict(zip(QUANTILES, quantiles, strict=True)),
-    }
-
-
-def _combined(total: Statistics, more: Statistics) -> Statistics:
-    return {name: _combined_feature(total[name], more[name]) for name in total}
-
-
-def _combined_feature(one: Arrays, other: Arrays) -> Arrays:
-    """The statistics of both. A quantile is the mean of both quantiles, as LeRobot combines them."""
-    count = one["count"] + other["count"]
-    share = other["count"] / count
-    variance = (1 - share) * one["std"] ** 2 + share * other["std"] ** 2
-    variance += share * (1 - share) * (other["mean"] - one["mean"]) ** 2
-    return one | {
-        **{name: one[name] + share * (other[name] - one[name]) for name in ("mean", *QUANTILES)},
-        "min": np.minimum(one["min"], other["min"]),
-        "max": np.maximum(one["max"], other["max"]),
-        "std": np.sqrt(variance),
-        "count": count,
-    }
-
-
-def _lists(statistics: Statistics) -> dict[str, dict[str, list[Any]]]:
-    return {
-        feature: {name: values.tolist() for name, values in each.items()}
-        for feature, each in statistics.items()
-    }
-
-
 def _episode(
-    number: int, task: str, place: tuple[int, int], frames: range, statistics: Statistics
+    number: int, task: str, place: tuple[int, int], frames: range, statistics: dict[str, Statistics]
 ) -> dict[str, Any]:
     """The row of an episode in meta/episodes."""
-    lists = _lists(statistics)
     return {
         "episode_index": number,
         "tasks": [task],
@@ -193,7 +180,11 @@ def _episode(
         "data/file_index": place[1],
         "dataset_from_index": frames.start,
         "dataset_to_index": frames.stop,
-        **{f"stats/{feature}/{name}": x for feature, each in lists.items() for name, x in each.items()},
+        **{
+            f"stats/{feature}/{name}": numbers
+            for feature, each in statistics.items()
+            for name, numbers in each.plain().items()
+        },
     }
 
 
@@ -220,14 +211,14 @@ def _info(view: View, columns: Arrays, tasks: int) -> dict[str, Any]:
         for name, array in columns.items()
     }
     return {
-        "codebase_version": VERSION,
+        "codebase_version": "v3.0",
         "robot_type": "industrial_benchmark",
         "total_episodes": view.episodes,
         "total_frames": view.rows,
         "total_tasks": tasks,
         "chunks_size": CHUNK_FILES,
         "data_files_size_in_mb": FILE_MB,
-        "video_files_size_in_mb": VIDEO_MB,
+        "video_files_size_in_mb": 200,  # of videos that others may add
         "fps": FPS,
         "splits": {"train": f"0:{view.episodes}"},
         "data_path": f"data/{FILE}",

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
+from ibdata.dataset.conditions import known_of
 from ibdata.dataset.reader import Dataset
 from ibdata.dataset.selection import Selection
 from ibdata.environment import ID
@@ -20,13 +21,11 @@ from ibdata.experiment import Experiment, load
 from ibdata.experiment.shipped import full_name, shipped
 from ibdata.generation.generate import generate
 from ibdata.generation.target import is_of
-from ibdata.numerics.naming import exact
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.configs import canonical_file
 from ibdata.views.options import View
 
 Arrays = dict[str, npt.NDArray[Any]]
-VALIDATION = "validation"
 TENTH = 10
 PATIENCE = 600.0  # seconds, for another process that makes the dataset
 
@@ -77,10 +76,9 @@ def make(
 
 def train_and_validation(dataset: Dataset) -> tuple[Selection, Selection]:
     """The episodes to train on, and those to validate on."""
-    names = set(dataset.splits)
-    everything = dataset.select("train" if "train" in names else None)
-    if VALIDATION in names:
-        validation = dataset.select(VALIDATION)
+    everything = dataset.select("train" if "train" in dataset.splits else None)
+    if "validation" in dataset.splits:
+        validation = dataset.select("validation")
         return dataset.select(episodes=np.flatnonzero(everything.inside & ~validation.inside)), validation
     numbers = np.flatnonzero(everything.inside)
     cells = dataset.episodes["cell"].to_numpy()[numbers]
@@ -105,9 +103,7 @@ def _environment(experiment: Experiment, setpoint: float | None, history: int, v
     points = experiment.scenario.points
     if setpoint is None and len(points) == 1:
         [setpoint] = points
-    if setpoint not in points:
-        known = ", ".join(map(exact, points))
-        raise UsageError(f"setpoint: found {setpoint}, expected one of {known}, for the environment")
+    known_of("setpoint", setpoint, points)
     try:
         import gymnasium
     except ModuleNotFoundError:

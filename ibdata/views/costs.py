@@ -50,22 +50,17 @@ class Cost:
 
 def cost_of(cost: Any) -> Cost | None:
     """Check the cost of a user. Raises UsageError if it is not valid."""
-    if cost is None:
-        return None
-    if cost == "runaway":
-        return Cost("runaway")
-    if isinstance(cost, str):
-        raise UsageError(f"cost: found {cost!r}, expected {EXPECTED}{suggestion(cost, KINDS)}")
-    if not isinstance(cost, Mapping):
-        raise UsageError(f"cost: found {cost!r}, expected {EXPECTED}")
-    options = dict(cost)
-    budget = _number("budget", options.pop("budget", 0.0))
-    match options:
-        case {"fatigue": limit, **others} if not others:
-            return Cost("fatigue", _number("fatigue", limit), budget)
-        case {"runaway": True, **others} if not others:
-            return Cost("runaway", budget=budget)
-    raise UsageError(f"cost: found {dict(cost)}, expected {EXPECTED}")
+    match {"budget": 0.0, **cost} if isinstance(cost, Mapping) else cost:
+        case None:
+            return None
+        case "runaway":
+            return Cost("runaway")
+        case {"fatigue": limit, "budget": budget, **others} if not others:
+            return Cost("fatigue", _number("fatigue", limit), _number("budget", budget))
+        case {"runaway": True, "budget": budget, **others} if not others:
+            return Cost("runaway", budget=_number("budget", budget))
+    near = suggestion(cost, KINDS) if isinstance(cost, str) else ""
+    raise UsageError(f"cost: found {cost!r}, expected {EXPECTED}{near}")
 
 
 def _number(name: str, value: Any) -> float:

@@ -60,14 +60,7 @@ RESPONSIBLE = {
     ],
     "rai:dataSocialImpact": "The data describe no person, group or place.",
 }
-DATA_TYPES = {
-    "int64": "cr:Int64",
-    "int32": "cr:Int32",
-    "float32": "cr:Float32",
-    "float64": "cr:Float64",
-    "bool": "sc:Boolean",
-    "string": "sc:Text",
-}
+OTHER_TYPES = {"bool": "sc:Boolean", "string": "sc:Text"}  # than cr:Int32, cr:Float64 and their like
 PARQUET = "application/x-parquet"
 FORMATS = {"parquet": PARQUET, "json": "application/json", "yaml": "application/yaml"}
 USES = {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}
@@ -129,12 +122,14 @@ def _activity(spec: DatasetSpec, distribution: Sequence[Json], root: str) -> Jso
     }
 
 
+def _head(kind: str, name: str) -> Json:
+    return {"@type": f"cr:{kind}", "@id": name, "name": name}
+
+
 def _folder(root: str) -> Json:
     """The folder around meta/, by which files are found in it; a file object needs a hash."""
     return {
-        "@type": "cr:FileObject",
-        "@id": "dataset",
-        "name": "dataset",
+        **_head("FileObject", "dataset"),
         "description": "The folder of the dataset, or its repository. The hash is the content root.",
         "contentUrl": "..",
         "encodingFormat": ["inode/directory", "git+https"],
@@ -144,9 +139,7 @@ def _folder(root: str) -> Json:
 
 def _file(entry: FileEntry) -> Json:
     return {
-        "@type": "cr:FileObject",
-        "@id": entry.path,
-        "name": entry.path,
+        **_head("FileObject", entry.path),
         "contentUrl": f"../{entry.path}",
         "contentSize": f"{entry.bytes} B",
         "encodingFormat": FORMATS.get(entry.path.rpartition(".")[2], "application/octet-stream"),
@@ -156,9 +149,7 @@ def _file(entry: FileEntry) -> Json:
 
 def _file_set(name: str, includes: Sequence[str]) -> Json:
     return {
-        "@type": "cr:FileSet",
-        "@id": name,
-        "name": name,
+        **_head("FileSet", name),
         "containedIn": {"@id": "dataset"},
         "encodingFormat": PARQUET,
         "includes": list(includes),
@@ -168,16 +159,14 @@ def _file_set(name: str, includes: Sequence[str]) -> Json:
 def _rows(name: str, files: str, columns: Sequence[Column], described: bool = False) -> Json:
     """The rows of a set of files, perhaps with the meaning, unit and bounds of each column."""
     return {
-        "@type": "cr:RecordSet",
-        "@id": name,
-        "name": name,
+        **_head("RecordSet", name),
         "key": [{"@id": f"{name}/episode"}, {"@id": f"{name}/step"}],
         "field": [
             {
                 "@type": "cr:Field",
                 "@id": f"{name}/{column.name}",
                 "name": column.name,
-                "dataType": DATA_TYPES[column.dtype],
+                "dataType": OTHER_TYPES.get(column.dtype, f"cr:{column.dtype.capitalize()}"),
                 **(_meaning(column) if described else {}),
                 "source": {"fileSet": {"@id": files}, "extract": {"column": column.name}},
             }
@@ -202,9 +191,7 @@ def _splits(spec: DatasetSpec) -> list[Json]:
     ids = [f"splits/{name}" for name in types]
     return [
         {
-            "@type": "cr:RecordSet",
-            "@id": "splits",
-            "name": "splits",
+            **_head("RecordSet", "splits"),
             "dataType": "cr:Split",
             "key": {"@id": ids[0]},
             "field": [
