@@ -44,6 +44,7 @@ class Yaml(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # not gene
             raise UsageError(f"{option} {value}: {error.message}") from None
 
 
+MOST_EPISODES = 10_000_000  # of a range
 LOCAL, YAML = Place(urls=False), Yaml()
 
 
@@ -110,46 +111,31 @@ def _numbers(context: click.Context, option: click.Parameter, text: str | None) 
     return numbers
 
 
-split_option = click.option(
-    "--split",
-    metavar="NAME",
-    multiple=True,
-    callback=_one_or_several,
-    help="Use only rows of this split; give it again for several.",
-)
-MOST_EPISODES = 10_000_000  # of a range
-SELECTING = ("split", "setpoint", "policy", "episodes", "returns")
-_selection_options = (
-    split_option,
-    click.option(
-        "--setpoint",
-        type=float,
-        metavar="P",
-        multiple=True,
-        callback=_one_or_several,
-        help="Use only rows at this setpoint; give it again for several.",
-    ),
-    click.option(
-        "--policy",
-        metavar="LABEL",
-        multiple=True,
-        callback=_one_or_several,
-        help="Use only rows of this policy; give it again for several.",
-    ),
-    click.option(
+def _repeated(name: str, metavar: str, rows: str) -> Callable[..., Any]:
+    help = f"Use only rows {rows}; give it again for several."
+    kind = float if metavar == "P" else str
+    return click.option(name, metavar=metavar, type=kind, multiple=True, callback=_one_or_several, help=help)
+
+
+split_option = _repeated("--split", "NAME", "of this split")
+_selection_options = {
+    "split": split_option,
+    "setpoint": _repeated("--setpoint", "P", "at this setpoint"),
+    "policy": _repeated("--policy", "LABEL", "of this policy"),
+    "episodes": click.option(
         "--episodes",
         metavar="N,A-B,…",
         callback=_numbers,
         help="Use only the episodes with these numbers, such as 0-9,17.",
     ),
-    click.option(
+    "returns": click.option(
         "--returns",
         nargs=2,
         type=float,
         metavar="LOW HIGH",
         help="Use only episodes with a return within these, both included; -inf and inf are no limits.",
     ),
-)
+}
 
 
 def selects(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -159,10 +145,10 @@ def selects(command: Callable[..., Any]) -> Callable[..., Any]:
     def chosen(folder: Path | str, **options: Any) -> Any:
         from ibdata.dataset.reader import Dataset
 
-        conditions = {name: options.pop(name) for name in SELECTING}
+        conditions = {name: options.pop(name) for name in _selection_options}
         return command(Dataset(folder).select(**conditions), **options)
 
-    for option in reversed(_selection_options):
+    for option in reversed(_selection_options.values()):
         chosen = option(chosen)
     return chosen
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -13,16 +12,17 @@ import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.dataset.conditions import known_of
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.reader import Dataset, opened
 from ibdata.dataset.selection import Selection
 from ibdata.environment import ID
-from ibdata.errors import BusyError, DatasetError, UsageError, missing
+from ibdata.errors import DatasetError, UsageError, missing
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.shipped import full_name, shipped
 from ibdata.generation.generate import generate
 from ibdata.generation.target import is_of
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.configs import canonical_file
+from ibdata.system.lock import locked
 from ibdata.views.options import View
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -127,27 +127,14 @@ def _dataset(name: str, experiment: Experiment, root: str | None) -> Dataset:
         dataset = Dataset(folder)
         if is_of(dataset.stored.manifest, experiment) and root in (None, dataset.content_root):
             return dataset
-    dataset = _generated(experiment, folder)
+    with locked(folder.with_name(f".{folder.name}.lock"), PATIENCE, place=folder):
+        dataset = opened(generate(experiment, folder, overwrite=True))
     if root not in (None, dataset.content_root):
         raise DatasetError(
             f"{name}: found the content root {dataset.content_root}, expected {root}; ibdata is not what it "
             "was when its datasets were listed: install it again"
         )
     return dataset
-
-
-def _generated(experiment: Experiment, folder: Path) -> Dataset:
-    """The dataset that this process makes, or that another one has made meanwhile."""
-    until = time.monotonic() + PATIENCE
-    while True:
-        try:
-            dataset: Dataset = generate(experiment, folder, overwrite=True)
-        except BusyError:
-            if time.monotonic() > until:
-                raise
-            time.sleep(0.1)
-        else:
-            return dataset
 
 
 def canonical_root(name: str, experiment: Experiment) -> str | None:

@@ -3,15 +3,18 @@
 The environments are tested where Gymnasium is installed, in tests/bridges/gymnasium/test_make.py.
 """
 
+import threading
+from contextlib import ExitStack
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import ibdata
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import BusyError, DatasetError, UsageError
 from ibdata.experiment.shipped import full_name, shipped
 from ibdata.maintenance import make as room
+from ibdata.system.lock import locked
 
 
 @pytest.fixture
@@ -40,7 +43,7 @@ def test_a_set_is_made_once_and_then_opened(cache):
     assert (cache / "random/meta/manifest.json").stat().st_mtime_ns == made.st_mtime_ns
     _, other, _ = ibdata.make("random", seed=1)
     assert other["rewards"].tolist() != train["rewards"].tolist()
-    assert sorted(path.name for path in cache.iterdir()) == ["random", "random-seed-1"]
+    assert sorted(path.name for path in cache.glob("[!.]*")) == ["random", "random-seed-1"]
 
 
 def test_other_content_in_the_cache_is_made_again(cache):
@@ -74,21 +77,17 @@ def test_the_canonical_roots_are_those_of_the_list():
 
 
 def test_a_process_waits_for_another_that_makes_the_set(cache, monkeypatch):
-    """The first calls find the folder busy."""
-    generate, busy = room.generate, [room.BusyError("another process writes")] * 2
-
-    def writing(*given, **options):
-        if busy:
-            raise busy.pop()
-        return generate(*given, **options)
-
-    monkeypatch.setattr(room, "generate", writing)
-    _, train, _ = ibdata.make("random")
+    with ExitStack() as other:
+        other.enter_context(locked(cache / ".random.lock"))
+        with monkeypatch.context() as hasty, pytest.raises(BusyError, match="datasets/random: another process"):
+            hasty.setattr(room, "PATIENCE", 0.0)
+            ibdata.make("random")
+        assert not (cache / "random").exists()
+        ending = threading.Timer(0.2, other.pop_all().close)
+        ending.start()
+        _, train, _ = ibdata.make("random")
+        ending.join()
     assert len(train["rewards"]) == 72
-    monkeypatch.setattr(room, "PATIENCE", 0.0)
-    busy += [room.BusyError("another process writes")] * 9
-    with pytest.raises(room.BusyError):
-        ibdata.make("random", seed=2)
 
 
 @pytest.mark.parametrize(
