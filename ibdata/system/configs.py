@@ -14,11 +14,8 @@ def root() -> Path:
 
 def canonical_file() -> Path:
     """The content roots and figures of the datasets of these experiments."""
-    return next(
-        path
-        for path in (root() / "canonical.json", root().parent / "docs" / "canonical.json")
-        if path.exists()
-    )
+    packaged = root() / "canonical.json"
+    return packaged if packaged.exists() else root().parent / "docs" / "canonical.json"
 
 
 def shipped() -> dict[str, Path]:
