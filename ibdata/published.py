@@ -94,7 +94,7 @@ class IDS:
         flip = self._drift_flip()
         state = self._read()
         # Which draws follow depends on where the step leads, and that depends on no other draw.
-        ahead = step(state, action, _noise(uniform_drift_flip=flip), SIEMENS)
+        ahead = step(state, action, Noise(*_noise(uniform_drift_flip=flip)), SIEMENS)
         noise = _noise(uniform_drift_flip=flip, **_draws(ahead))
         advance(state.values, action, noise, SIEMENS.parameters)  # as `step`, which has checked the arguments
         self._write(state)
@@ -151,8 +151,9 @@ def _event(effective: float) -> float:
     return 0.0 if np.random.binomial(1, min(max(effective, low), high)) else NO_EVENT
 
 
-def _noise(**draws: float) -> Noise:
-    return Noise(*np.array(list({**QUIET, **draws}.values()))[:, None])
+def _noise(**draws: float) -> Floats:
+    """A table (12, 1) of the draws of `Noise`, of which others do nothing."""
+    return np.array(list({**QUIET, **draws}.values()))[:, None]
 
 
 class IBGym(Env):
