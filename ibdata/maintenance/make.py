@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.conditions import known_of
 from ibdata.dataset.reader import Dataset, opened
 from ibdata.dataset.selection import Selection
 from ibdata.environment import ID
@@ -20,6 +19,7 @@ from ibdata.experiment import Experiment, load
 from ibdata.experiment.shipped import full_name, shipped
 from ibdata.generation.generate import generate
 from ibdata.generation.target import is_of
+from ibdata.numerics.naming import exact
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.configs import canonical_file
 from ibdata.system.lock import locked
@@ -103,7 +103,9 @@ def _environment(experiment: Experiment, setpoint: float | None, history: int, v
     points = experiment.scenario.points
     if setpoint is None and len(points) == 1:
         [setpoint] = points
-    known_of("setpoint", setpoint, points)
+    if setpoint not in points:
+        known = ", ".join(map(exact, points))
+        raise UsageError(f"setpoint: found {setpoint}, expected one of {known}, for the environment")
     try:
         import gymnasium
     except ModuleNotFoundError:
