@@ -35,7 +35,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Selection(Readable):
-    """Some episodes of a dataset, of which rows can be read as of the dataset itself.
+    """Some episodes of a dataset. Rows are read, and fewer episodes selected, as of the dataset itself.
 
     `content_root`, `info` and `place` are those of the dataset; all else is of the selected episodes.
     """

@@ -31,6 +31,7 @@ FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 CHUNK_FILES = 1000
 FILE_MB = 100
 EPISODES = 100  # rows of a row group in meta/episodes
+PLACE = ("meta/episodes/chunk_index", "meta/episodes/file_index")
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
 
@@ -86,20 +87,20 @@ class _Files:
         chunk, file = divmod(self.number, CHUNK_FILES)
         return self.folder / FILE.format(chunk_index=chunk, file_index=file)
 
-    def place(self, table: pa.Table) -> tuple[int, int]:
-        """The numbers of the chunk and the file that the table goes to."""
+    def write(self, table: pa.Table, *columns: str) -> tuple[int, int]:
+        """Write the table as a row group. Return the numbers of its chunk and its file, also its columns."""
         if self.writer and self.path.stat().st_size + table.nbytes > FILE_MB * 2**20:
             self.close()
             self.number += 1
-        return divmod(self.number, CHUNK_FILES)
-
-    def write(self, table: pa.Table) -> None:
-        """Write the table as a row group to its place."""
+        place = divmod(self.number, CHUNK_FILES)
+        for name, number in zip(columns, place, strict=False):
+            table = table.append_column(name, pa.array([number] * len(table)))
         table = table.replace_schema_metadata(self.metadata)
         if self.writer is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.writer = pq.ParquetWriter(self.path, table.schema, **PARQUET)
         self.writer.write_table(table)
+        return place
 
 
 def export(view: View, path: Path, target: Path) -> str:
@@ -117,14 +118,13 @@ def export(view: View, path: Path, target: Path) -> str:
             task = _task(view, block)
             columns = _columns(block, number, start, tasks.setdefault(task, len(tasks)))
             frames = pa.table({name: _column(array) for name, array in columns.items()})
-            place = data.place(frames)
-            data.write(frames)
+            place = data.write(frames)
             statistics = {name: Statistics.of(array) for name, array in columns.items()}
             total = {name: total[name].with_more(x) if total else x for name, x in statistics.items()}
             rows.append(_episode(number, task, place, range(start, start + len(frames)), statistics))
             start += len(frames)
             if len(rows) == EPISODES or start == view.rows:
-                _write_episodes(rows, episodes)
+                episodes.write(pa.Table.from_pylist(rows), *PLACE)
                 rows.clear()
     _write_tasks(tasks, meta / "tasks.parquet", metadata)
     (meta / "stats.json").write_bytes(as_json({name: x.plain() for name, x in total.items()}))
@@ -186,14 +186,6 @@ def _episode(
             for name, numbers in each.plain().items()
         },
     }
-
-
-def _write_episodes(rows: list[dict[str, Any]], episodes: _Files) -> None:
-    """Write rows, each with the place of its own."""
-    table = pa.Table.from_pylist(rows)
-    for name, number in zip(("chunk", "file"), episodes.place(table), strict=True):
-        table = table.append_column(f"meta/episodes/{name}_index", pa.array([number] * len(rows)))
-    episodes.write(table)
 
 
 def _write_tasks(tasks: dict[str, int], path: Path, metadata: dict[str, str]) -> None:
