@@ -19,7 +19,7 @@ def test_a_lane_takes_the_integers_of_its_generator_in_order_however_the_others_
         steps, slots = int(chance.integers(1, 4)), int(chance.choice([1, 4, 8]))
         drawn = streams.draw(which, Purpose.DYNAMICS, 0, steps, slots)
         assert drawn.shape == (steps, slots, len(which))
-        for lane, integers in zip(which, drawn.reshape(-1, len(which)).T, strict=True):
+        for lane, integers in zip(which, drawn.reshape(steps * slots, len(which)).T, strict=True):
             taken[lane] += integers.tolist()
     for lane, integers in enumerate(taken):
         expected = np.random.default_rng(lane).bit_generator.random_raw(len(integers))
