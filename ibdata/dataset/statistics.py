@@ -137,7 +137,7 @@ def described(
 
 
 def _quantiles(sample: Table, weights: Floats | None) -> npt.NDArray[Any]:
-    """The QUANTILES (quantiles, columns) of a sample, which may be sorted; each is a value of the sample."""
+    """The QUANTILES (quantiles, columns) of a sample, which may be reordered; each is a value of it."""
     if weights is not None:
         quantiles: npt.NDArray[Any] = np.quantile(
             sample.astype(np.float64), QUANTILES, axis=1, weights=weights, method="inverted_cdf"

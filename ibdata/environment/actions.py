@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, excerpt
-from ibdata.policies.actions import DISCRETE, WHOLE, Action, applied, is_discrete, of_discrete
+from ibdata.policies.actions import DISCRETE, WHOLE, Action, clip_and_round, is_discrete, of_discrete
 
 NUMBERS = "finite numbers: changes of velocity, gain and shift in [-1, 1]"
 
@@ -32,9 +32,10 @@ def continuous_actions(actions: Any, n: int) -> npt.NDArray[np.float32]:
         proposed = np.asarray(actions, dtype=np.float64)
     except (TypeError, ValueError):  # rows of different lengths, or no numbers
         proposed = np.empty(0)
-    if proposed.shape != (n, 3) or not np.isfinite(proposed).all():
+    out = np.empty((n, 3), dtype=np.float32)
+    if proposed.shape != out.shape or clip_and_round(proposed, out) < 0:
         raise _refusal(actions, f"({n}, 3) {NUMBERS}")
-    return applied(proposed)
+    return out
 
 
 def discrete_action(action: Any) -> Action:

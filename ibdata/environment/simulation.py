@@ -51,7 +51,11 @@ class Simulation:
         self._observed = observed_rows(view, drifting)
         imperfect = view.imperfections.columns
         self._clean = {f"clean_{c}": i for i, c in enumerate(view.columns(drifting)) if c in imperfect}
-        self._latent = {f"latent_{name}": ROWS.index(name) for name in hidden(drifting)}
+        latent = {f"latent_{name}": ROWS.index(name) for name in hidden(drifting)}
+        by_type = sorted(latent, key=lambda name: latent[name] >= FIRST_WHOLE)
+        self._latent = {name: by_type.index(name) for name in latent}
+        ordered = np.array([latent[name] for name in by_type])
+        self._floats, self._wholes = ordered[ordered < FIRST_WHOLE], ordered[ordered >= FIRST_WHOLE]
         self._of_cost = record_rows([] if view.cost is None else list(map(variable_of, view.cost.variables)))
 
     def reset(self, which: Indices, draw: Draw) -> None:
@@ -95,11 +99,9 @@ class Simulation:
         of the state.
         """
         values = self.carry.state.values
-        latent = {
-            column: values[row].astype(np.int64) if row >= FIRST_WHOLE else values[row].copy()
-            for column, row in self._latent.items()
-        }
-        return {**latent, **self._beside()}
+        wholes = values.take(self._wholes, axis=0).astype(np.int64)
+        arrays = [*values.take(self._floats, axis=0), *wholes]
+        return {name: arrays[i] for name, i in self._latent.items()} | self._beside()
 
     def _beside(self) -> dict[str, npt.NDArray[Any]]:
         """What a view adds to the hidden state by name, arrays (n,)."""

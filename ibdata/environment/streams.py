@@ -10,6 +10,7 @@ import numpy as np
 from ibdata.environment.replayed import Noise
 from ibdata.environment.simulation import Indices
 from ibdata.errors import UsageError
+from ibdata.numerics.compiled import compiled
 from ibdata.numerics.random import Purpose, Raw
 
 AHEAD = 512  # integers
@@ -20,6 +21,21 @@ def refuse_negative(seeds: Sequence[int | None]) -> None:
     for seed in seeds:
         if seed is not None and seed < 0:
             raise UsageError(f"seed: found {seed}, expected a whole number of at least 0")
+
+
+@compiled
+def take(ahead: Raw, at: Indices, rows: Indices, out: Raw) -> bool:
+    """Move the next integers of rows (k,) into out (count, k), unless one has too few. Returns whether."""
+    count = out.shape[0]
+    for i in range(rows.shape[0]):
+        if at[rows[i]] + count > ahead.shape[1]:
+            return False
+    for i in range(rows.shape[0]):
+        row = rows[i]
+        for j in range(count):
+            out[j, i] = ahead[row, at[row] + j]
+        at[row] += count
+    return True
 
 
 class Streams:
@@ -49,15 +65,18 @@ class Streams:
 
     def draw(self, which: Indices, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
         """The next integers (steps, slots, k) of lanes (k,), whatever their address."""
-        rows, count = self._rows[which], steps * slots
-        for row in rows[self._at[rows] + count > AHEAD].tolist():
-            at, ahead = self._at[row], self._ahead[row]
-            ahead[: AHEAD - at] = ahead[at:].copy()
-            ahead[AHEAD - at :] = self._source(row).random_raw(int(at))
-            self._at[row] = 0
-        columns = self._at[rows] + np.arange(count)[:, None]
-        self._at[rows] += count
-        return self._ahead[rows, columns].reshape(steps, slots, len(which))
+        rows, out = self._rows[which], np.empty((steps * slots, len(which)), dtype=np.uint64)
+        while not take(self._ahead, self._at, rows, out):
+            self._read(rows[self._at[rows] + len(out) > AHEAD])
+        return out.reshape(steps, slots, len(which))
+
+    def _read(self, rows: Indices) -> None:
+        """Read the integers ahead that rows (k,) have room for."""
+        for row, at in zip(rows.tolist(), self._at[rows].tolist(), strict=True):
+            if at < AHEAD:
+                self._ahead[row, : AHEAD - at] = self._ahead[row, at:].copy()
+            self._ahead[row, AHEAD - at :] = self._source(row).random_raw(at)
+        self._at[rows] = 0
 
     def _source(self, row: int) -> Any:
         n = len(self.generators)

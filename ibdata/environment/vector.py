@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -68,7 +67,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         if mode not in MODES:
             raise UsageError(f"autoreset_mode: found {autoreset_mode!r}, expected one of {', '.join(MODES)}")
         checked_length(num_envs, "num_envs")
-        self._limit = math.inf
+        self._limit = np.iinfo(np.int64).max
         if max_episode_steps is not None:
             self._limit = checked_length(max_episode_steps, "max_episode_steps")
         chosen = settings(**options)
@@ -83,6 +82,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         self._streams = Streams(num_envs)
         self._elapsed = np.full(num_envs, -1)  # steps of the episode; -1: it has not begun
         self._done = np.zeros(num_envs, dtype=bool)
+        self._all_begun, self._some_done = False, False
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:
@@ -177,30 +177,40 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     def _began(self, which: Indices) -> None:
         self._elapsed[which] = 0
         self._done[which] = False
+        self._all_begun, self._some_done = bool((self._elapsed >= 0).all()), bool(self._done.any())
 
     def step(
         self, actions: Float32s
     ) -> tuple[Float32s, npt.NDArray[np.float64], Flags, Flags, dict[str, Any]]:
         """Advance every lane by one step. Returns observations, rewards, flags (n,) and the hidden states."""
-        if (self._elapsed < 0).any() or (self._mode == DISABLED and self._done.any()):
+        if not self._all_begun or (self._mode == DISABLED and self._some_done):
             raise gym.error.ResetNeeded(
                 "step: found lanes without a running episode, expected reset() before"
             )
-        proposed, rewards = self._checked(actions, self.num_envs), np.zeros(self.num_envs)
-        moving = np.flatnonzero(~self._done)
-        if len(moving):
-            rewards[moving] = self._simulation.step(moving, proposed[moving], self._streams.draw)
-            self._elapsed[moving] += 1
-        if self._done.any():
-            self._begin(np.flatnonzero(self._done))
+        rewards = self._moved(self._checked(actions, self.num_envs))
         truncated, final = self._elapsed >= self._limit, {}
-        if self._mode != SAME_STEP:
-            self._done = truncated.copy()
-        elif truncated.any():
-            final = self._final(truncated)
-            self._begin(np.flatnonzero(truncated))
-        info = {**final, **self._info(np.ones(self.num_envs, dtype=bool))}
-        return self._simulation.observations(), rewards, np.zeros_like(truncated), truncated, info
+        if np.count_nonzero(truncated):  # eight times as fast as any()
+            if self._mode == SAME_STEP:
+                final = self._final(truncated)
+                self._begin(np.flatnonzero(truncated))
+            else:
+                self._done, self._some_done = truncated.copy(), True
+        terminated = np.zeros(self.num_envs, dtype=bool)
+        return self._simulation.observations(), rewards, terminated, truncated, final | self._info()
+
+    def _moved(self, actions: Float32s) -> npt.NDArray[np.float64]:
+        """Move the lanes whose episodes go on, and begin new ones in the others. Returns the rewards (n,)."""
+        simulation, draw = self._simulation, self._streams.draw
+        if not self._some_done:
+            rewards = simulation.step(simulation.everyone, actions, draw)
+            self._elapsed += 1
+            return rewards
+        moving, rewards = np.flatnonzero(~self._done), np.zeros(self.num_envs)
+        if len(moving):
+            rewards[moving] = simulation.step(moving, actions[moving], draw)
+            self._elapsed[moving] += 1
+        self._begin(np.flatnonzero(self._done))
+        return rewards
 
     def _final(self, ended: Flags) -> dict[str, Any]:
         """The last observations and infos of the episodes that ended, which an automatic reset hides."""
@@ -215,11 +225,14 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             "_final_info": ended.copy(),
         }
 
-    def _info(self, mask: Flags) -> dict[str, Any]:
+    def _info(self, mask: Flags | None = None) -> dict[str, Any]:
         """The hidden states as Gymnasium has them: arrays (n,), zero outside `_name`."""
         info: dict[str, Any] = {}
-        everyone = mask.all()
-        for name, values in self._simulation.info().items():
-            info[name] = values if everyone else np.where(mask, values, np.zeros(1, dtype=values.dtype))
-            info[f"_{name}"] = mask.copy()
+        hidden = self._simulation.info()
+        masks = np.ones((len(hidden), self.num_envs), dtype=bool)
+        if mask is not None:
+            masks[:] = mask
+        for (name, values), shown in zip(hidden.items(), masks, strict=True):
+            info[name] = values if mask is None else np.where(mask, values, np.zeros(1, dtype=values.dtype))
+            info[f"_{name}"] = shown
         return info

@@ -1,5 +1,6 @@
 """Measure the time to read, validate and export a dataset."""
 
+import pickle
 from functools import partial
 
 import pyarrow.parquet as pq
@@ -7,6 +8,13 @@ import pyarrow.parquet as pq
 import ibdata
 from ibdata.exporters import FORMATS
 from measuring.timing import COMMAND, MILLION, Row, Scratch, described, paired, timed
+
+# Peak memory in MB; not ru_maxrss, which a process inherits.
+WINDOWS = """
+import sys, ibdata
+windows = ibdata.open(sys.argv[1]).windows(history=30)
+print(int([line for line in open("/proc/self/status") if line.startswith("VmHWM")][0].split()[1]) / 1024)
+"""
 
 
 def reading(scratch: Scratch) -> list[Row]:
@@ -23,6 +31,8 @@ def reading(scratch: Scratch) -> list[Row]:
     )
     speed = f"1.44 GB of arrays, written at {1.44 / thirty:.1f} GB/s"
     start = f"{command:.2f} s: Python's start"
+    held = len(pickle.dumps(opened.windows(history=30))) / len(opened)
+    peak = f"peak {scratch.script(WINDOWS, str(dataset.path)):.0f} MB, with Python and pyarrow"
     return [
         Row("reading, 1,000,000 rows", f"{read:.3f} s", "", "pyarrow, all columns, its own threads"),
         Row("validate, against reading", f"{validate / read:.1f} ×", "≤ 2.5 ×", f"{validate:.2f} s"),
@@ -30,6 +40,7 @@ def reading(scratch: Scratch) -> list[Row]:
         Row("ibdata stats, against reading", f"{command / read:.1f} ×", "", start),
         Row("arrays(), against reading", f"{one / read:.1f} ×"),
         Row("arrays(history=30), against reading", f"{thirty / read:.1f} ×", "≤ 1.5 ×", speed),
+        Row("windows(history=30), bytes a row", f"{held:.1f}", "", peak),
     ]
 
 

@@ -1,6 +1,7 @@
 """Experiments for measurements, timers, and runs in a temporary folder."""
 
 import json
+import os
 import shutil
 import statistics
 import subprocess
@@ -84,15 +85,22 @@ class Scratch:
     def __init__(self, folder: str) -> None:
         self.folder = Path(folder)
 
-    def generate(self, experiment: Experiment, workers: int | None = 1) -> ibdata.Dataset:
+    def generate(
+        self, experiment: Experiment, workers: int | None = 1, allow_code: bool = False
+    ) -> ibdata.Dataset:
         """Generate a dataset in place of the one before."""
         shutil.rmtree(self.folder / "x", ignore_errors=True)
-        made: ibdata.Dataset = ibdata.generate(experiment, self.folder / "x", workers=workers)
+        made: ibdata.Dataset = ibdata.generate(
+            experiment, self.folder / "x", workers=workers, allow_code=allow_code
+        )
         return made
 
-    def run(self, *command: Any) -> str:
-        """Run a command, and return what it prints last."""
-        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=True)
+    def run(self, *command: Any, **environment: str) -> str:
+        """Run a command with some variables of the environment, and return what it prints last."""
+        variables = {**os.environ, **environment}
+        done = subprocess.run(
+            command, cwd=self.folder, env=variables, capture_output=True, text=True, check=True
+        )
         return (done.stdout.splitlines() or [""])[-1]
 
     def script(self, text: str, *arguments: str) -> float:

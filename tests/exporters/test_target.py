@@ -54,7 +54,7 @@ def test_an_export_is_replaced_only_when_that_is_said(dataset, tmp_path, to, mon
     with pytest.raises(UsageError, match=r"exists already; .* or overwrite=True to replace an export"):
         ibdata.export(dataset, to, tmp_path / "made", **options)
     with monkeypatch.context() as full:
-        full.setattr("ibdata.exporters._target._sync", failing)
+        full.setattr("ibdata.exporters._target.files.sync_all", failing)
         with pytest.raises(IbdataError, match="cannot be written: no room"):
             ibdata.export(dataset, to, tmp_path / "made", **options, overwrite=True)
     assert files(tmp_path) == before
