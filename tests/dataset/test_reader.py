@@ -173,6 +173,20 @@ def test_files_that_the_manifest_does_not_list_are_not_read(copied, dataset):
     assert sum(batch.num_rows for batch in found.iter_batches()) == len(found) == 480
 
 
+def test_files_may_be_links_as_in_the_cache_of_the_hub(dataset, tmp_path):
+    """`hf download` without --local-dir gives such a folder. A split that is made there stays there."""
+    stored, linked = Path(shutil.copytree(dataset.path, tmp_path / "blobs")), tmp_path / "snapshot"
+    for path in [path for path in stored.rglob("*") if path.is_file()]:
+        link = linked / path.relative_to(stored)
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(path)
+    before = (stored / "meta/splits.json").read_bytes()
+    assert ibdata.validate(linked) == []
+    assert ibdata.open(linked).table().equals(dataset.table())
+    assert "random" in ibdata.split(linked, by="policy").splits
+    assert (stored / "meta/splits.json").read_bytes() == before
+
+
 def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
     child = python("-W", "error", "-c", ONLY_READING, dataset.path, timeout=60)
     assert (child.returncode, child.stderr) == (0, "")
