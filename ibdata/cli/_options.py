@@ -111,16 +111,15 @@ def _numbers(context: click.Context, option: click.Parameter, text: str | None) 
     return numbers
 
 
-def _repeated(name: str, metavar: str, rows: str) -> Callable[..., Any]:
+def _repeated(name: str, metavar: str, rows: str, kind: type = str) -> Callable[..., Any]:
     help = f"Use only rows {rows}; give it again for several."
-    kind = float if metavar == "P" else str
     return click.option(name, metavar=metavar, type=kind, multiple=True, callback=_one_or_several, help=help)
 
 
 split_option = _repeated("--split", "NAME", "of this split")
 _selection_options = {
     "split": split_option,
-    "setpoint": _repeated("--setpoint", "P", "at this setpoint"),
+    "setpoint": _repeated("--setpoint", "P", "at this setpoint", float),
     "policy": _repeated("--policy", "LABEL", "of this policy"),
     "episodes": click.option(
         "--episodes",
