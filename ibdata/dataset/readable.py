@@ -313,7 +313,7 @@ class Readable(ABC):
         """Statistics of the float columns, which are read for all rows and for a declared split.
 
         Those of later splits and of other selections are computed from the rows; quantiles of more than
-        100,000 rows are then those of a sample.
+        50,000 rows are then those of a sample.
 
         Args:
             split: Only the rows of this split, or of these.

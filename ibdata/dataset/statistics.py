@@ -14,7 +14,7 @@ from ibdata.numerics.compiled import compiled
 Floats = npt.NDArray[np.float64]
 Table = npt.NDArray[Any]  # (columns, rows), float32 or float64
 
-SAMPLE_ROWS = 100_000  # of a dataset
+SAMPLE_ROWS = 50_000  # of a dataset
 SAMPLE_LEAST = 200  # of a shard, so that small splits have some
 BLOCK = 1024  # values that are summed at a time; a multiple of 4
 QUANTILES = tuple(float(q) for q in get_args(Quantile))
@@ -63,7 +63,7 @@ def sample_stride(rows: int, total: int) -> int:
     It is 1 if the dataset has at most SAMPLE_ROWS rows, and otherwise an odd number.
 
     >>> sample_stride(10_000, 10_000), sample_stride(1_000_000, 1_000_000), sample_stride(1000, 10**9)
-    (1, 11, 5)
+    (1, 21, 5)
     """
     if total <= SAMPLE_ROWS:
         return 1
