@@ -183,7 +183,7 @@ def metadata_problems(
     if manifest.CROISSANT in stored.manifest.entries():
         checks[manifest.CROISSANT] = partial(_croissant, stored, spec)
     if len(written) == len(spec.shards):
-        checks[STATISTICS] = partial(_statistics, stored, metadata.statistics(spec, written))
+        checks[STATISTICS] = partial(_statistics, stored, spec, written)
     for path, check in checks.items():
         try:
             if is_whole(path):
@@ -288,8 +288,9 @@ def _shown(value: pa.Scalar) -> str:
     return f"{plain.hex()[:12]}…" if isinstance(plain, bytes) else f"{plain}"
 
 
-def _statistics(stored: Stored, expected: Statistics) -> Iterator[Problem]:
+def _statistics(stored: Stored, spec: DatasetSpec, written: list[WrittenShard]) -> Iterator[Problem]:
     statistics = stored.statistics
+    expected = metadata.statistics(spec, written, statistics)
     if message := first_difference(_names(statistics), _names(expected)):
         yield Problem(STATISTICS, None, "statistics", message)
         return
