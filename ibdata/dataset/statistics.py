@@ -12,11 +12,13 @@ from ibdata.dataset.models import Quantile, Statistic
 from ibdata.numerics.compiled import compiled
 
 Floats = npt.NDArray[np.float64]
+Ranks = npt.NDArray[np.int64]
 Table = npt.NDArray[Any]  # (columns, rows), float32 or float64
 
 SAMPLE_ROWS = 100_000  # of a dataset
 SAMPLE_LEAST = 200  # of a shard, so that small splits have some
 BLOCK = 1024  # values that are summed at a time; a multiple of 4
+CLOSE = 1e-9  # a share of the weights that may be rounding
 QUANTILES = tuple(float(q) for q in get_args(Quantile))
 
 
@@ -127,11 +129,11 @@ def described(
     weights = np.concatenate(
         [np.full(s.shape[1], n / s.shape[1]) for s, n in zip(samples, rows, strict=True)]
     )
-    quantiles = _quantiles(
-        sample,
-        None if weights.min() == weights.max() else weights,
-        [likely[name].quantiles if likely and name in likely else {} for name in names],
-    )
+    weighted = None if weights.min() == weights.max() else weights
+    ranks = np.quantile(np.arange(sample.shape[1]), QUANTILES, method="inverted_cdf").astype(np.int64)
+    tried = [_in_order(likely[name].quantiles if likely and name in likely else {}) for name in names]
+    columns = zip(sample, tried, strict=True)
+    quantiles = np.stack([_quantiles(x, weighted, ranks, near) for x, near in columns], axis=1)
     return {
         name: Statistic(
             count=parts.rows,
@@ -145,30 +147,35 @@ def described(
     }
 
 
-def _quantiles(
-    sample: Table, weights: Floats | None, likely: Sequence[Mapping[Quantile, float | None]]
-) -> npt.NDArray[Any]:
-    """The QUANTILES (quantiles, columns) of a sample, which may be sorted; each is a value of the sample."""
-    if weights is not None:
-        quantiles: npt.NDArray[Any] = np.quantile(
-            sample.astype(np.float64), QUANTILES, axis=1, weights=weights, method="inverted_cdf"
-        )
-        return quantiles
-    ranks = np.quantile(np.arange(sample.shape[1]), QUANTILES, method="inverted_cdf").astype(np.int64)
-    numbers = [[quantiles.get(q) for q in get_args(Quantile)] for quantiles in likely]
-    columns = [_at_ranks(x, ranks, tried) for x, tried in zip(sample, numbers, strict=True)]
-    return np.stack(columns, axis=1)
+def _in_order(quantiles: Mapping[Quantile, float | None]) -> Floats:
+    return np.array([quantiles.get(q) for q in get_args(Quantile)], dtype=np.float64)
 
 
-def _at_ranks(x: Table, ranks: npt.NDArray[np.int64], likely: list[float | None]) -> npt.NDArray[Any]:
-    """The values at these ranks of a column (rows,), which may be sorted; NaN if it has a NaN."""
+def _quantiles(x: Table, weights: Floats | None, ranks: Ranks, likely: Floats) -> npt.NDArray[Any]:
+    """The QUANTILES of a column of a sample, which may be sorted; each is a value of the sample."""
     with np.errstate(over="ignore"):
-        tried = np.array(likely, dtype=x.dtype)
-    pairs = zip(tried, ranks, strict=True)
-    if all(np.count_nonzero(x < q) <= rank < np.count_nonzero(x <= q) for q, rank in pairs) and not np.isnan(x).any():
-        return tried
+        likely = likely.astype(x.dtype)
+    if _are_quantiles(x, weights, ranks, likely):
+        return likely
+    if weights is not None:
+        weighted: npt.NDArray[Any] = np.quantile(
+            x.astype(np.float64), QUANTILES, weights=weights, method="inverted_cdf"
+        )
+        return weighted
     x.sort()  # much faster than np.quantile
     return np.where(np.isnan(x[-1]), np.nan, x[ranks])
+
+
+def _are_quantiles(x: Table, weights: Floats | None, ranks: Ranks, likely: npt.NDArray[Any]) -> bool:
+    """Whether numbers are surely the quantiles of a column: the weight below each and up to it says so."""
+    if np.isnan(x).any():
+        return False
+    if weights is None:
+        of_ranks = zip(likely, ranks, strict=True)
+        return all(np.count_nonzero(x < v) <= rank < np.count_nonzero(x <= v) for v, rank in of_ranks)
+    total = weights.sum()
+    bounds = zip(likely, (q * total for q in QUANTILES), strict=True)
+    return all(weights @ (x < v) < w - CLOSE * total and w + CLOSE * total < weights @ (x <= v) for v, w in bounds)
 
 
 def _number(x: float) -> float | None:

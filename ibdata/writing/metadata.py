@@ -184,13 +184,14 @@ def statistics(
     """
     names = layout(spec.experiments[0]).names
     of_splits = {name: [w.content for w in written if name in w.shard.splits] for name in spec.declared}
-    of_all = likely.all if likely else {}
-    tried = likely.splits if likely else {}
+    likely_all, likely_splits = (likely.all, likely.splits) if likely else ({}, {})
     return Statistics(
         format="ibdata-statistics",
         version=1,
-        all=_described(names, [w.content for w in written], of_all),
-        splits={name: _described(names, shards, tried.get(name, {})) for name, shards in of_splits.items()},
+        all=_described(names, [w.content for w in written], likely_all),
+        splits={
+            name: _described(names, shards, likely_splits.get(name, {})) for name, shards in of_splits.items()
+        },
     )
 
 

@@ -86,3 +86,25 @@ def test_a_sample_stands_for_the_rows_of_its_shard():
     parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
     quantiles = described(("x",), parts, samples, [300, 1])["x"].quantiles
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("rows", [[180, 450], [180, 495]], ids=["equal weights", "weights"])
+def test_likely_quantiles_are_believed_only_if_they_are_right(rows):
+    table = drawn(7, 210).round(2)
+    table[1] = table[1].round(-1)  # ties
+
+    def found(table, likely=None):
+        return described("abcd", moments(table), np.split(table.copy(), [60], axis=1), rows, likely)
+
+    expected = found(table)
+    assert found(table, expected) == found(table, {"b": expected["b"]}) == expected
+    for column, name in enumerate("abcd"):
+        values = np.unique(table[column]).tolist()
+        for key, value in expected[name].quantiles.items():
+            place = values.index(value)
+            for wrong in (values[place - 1], values[(place + 1) % len(values)], None, 1e300):
+                likely = found(table)
+                likely[name].quantiles[key] = wrong
+                assert found(table, likely) == expected
+    table[2, table[2].argmax()] = np.nan  # sorted last, so that the values at the ranks stay
+    assert set(found(table, expected)["c"].quantiles.values()) == {None}
