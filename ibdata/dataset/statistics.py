@@ -168,7 +168,7 @@ def _quantiles(x: Table, weights: Floats | None, ranks: Ranks, likely: Floats) -
 
 def _are_quantiles(x: Table, weights: Floats | None, ranks: Ranks, likely: npt.NDArray[Any]) -> bool:
     """Whether numbers are surely the quantiles of a column: the weight below each and up to it says so."""
-    if np.isnan(x).any():
+    if np.isnan(likely).any() or np.isnan(x).any():
         return False
     if weights is None:
         of_ranks = zip(likely, ranks, strict=True)
