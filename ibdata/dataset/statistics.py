@@ -175,7 +175,9 @@ def _are_quantiles(x: Table, weights: Floats | None, ranks: Ranks, likely: npt.N
         return all(np.count_nonzero(x < v) <= rank < np.count_nonzero(x <= v) for v, rank in of_ranks)
     total = weights.sum()
     bounds = zip(likely, (q * total for q in QUANTILES), strict=True)
-    return all(weights @ (x < v) < w - CLOSE * total and w + CLOSE * total < weights @ (x <= v) for v, w in bounds)
+    return all(
+        weights @ (x < v) < w - CLOSE * total and w + CLOSE * total < weights @ (x <= v) for v, w in bounds
+    )
 
 
 def _number(x: float) -> float | None:

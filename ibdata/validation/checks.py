@@ -34,7 +34,7 @@ from ibdata.writing.croissant import croissant
 from ibdata.writing.finish import experiment_files, first_difference
 from ibdata.writing.shard import ShardSummarizer, ShardSummary, WrittenShard
 
-PART_ROWS = 100_000  # half a row group, so that a row group is two parts where these are whole episodes
+PART_ROWS = 50_000
 WAITING = 2  # parts that were read and are not checked yet
 
 
