@@ -25,7 +25,7 @@ Quantile = Literal["0.01", "0.05", "0.25", "0.5", "0.75", "0.95", "0.99"]
 class JsonObject(BaseModel):
     """A JSON object with the keys of its model and no others."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
     def plain(self) -> dict[str, Any]:
         """The object as JSON data, without the keys that were not set."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.numerics.compiled import compiled, inlined
+from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exponential, normals
 from ibdata.numerics.random import Raw, uniform
 
@@ -19,7 +19,7 @@ NOISE_ROWS = DYNAMICS_SLOTS + DRIFT_SLOTS
 
 
 class Noise(NamedTuple):
-    """The random numbers of one step of n lanes in standard form; arrays (n,)."""
+    """The random numbers of one step of n lanes in standard form: arrays (n,), the rows of a table."""
 
     exp_v: Floats  # Exp(1)
     exp_g: Floats
@@ -46,15 +46,15 @@ OF_FIELDS = [RANGES[name.partition("_")[0]] for name in Noise._fields]
 LOW, HIGH = (np.array([[ends[i]] for ends in OF_FIELDS]) for i in (0, 1))
 
 
-def checked_noise(noise: Noise, n: int) -> Noise:
-    """The noise as contiguous float64. Raises ValueError if a field is not n numbers of its law."""
+def checked_noise(noise: Noise, n: int) -> Floats:
+    """The noise as a table (12, n). Raises ValueError if a field is not n numbers of its law."""
     draws = [np.asarray(x, dtype=np.float64) for x in noise]
     if any(x.shape != (n,) for x in draws):
         raise _refusal(draws, n)
     table = np.array(draws)
     if not np.all((table >= LOW) & (table <= HIGH)):  # at once, because twelve checks take longer than a step
         raise _refusal(draws, n)
-    return Noise(*table)
+    return table
 
 
 def _refusal(draws: list[Floats], n: int) -> ValueError:
@@ -68,7 +68,7 @@ def _refusal(draws: list[Floats], n: int) -> ValueError:
 
 @compiled
 def standard_noise(raw: Raw, rows: Floats) -> None:
-    """Fill the first eight rows, which every step uses, from integers (8, n); see `fields`."""
+    """Fill the first eight rows, which every step uses, from integers (8, n)."""
     for j in range(2):
         for i in range(raw.shape[1]):
             rows[j, i] = exponential(uniform(raw[j, i]))
@@ -81,13 +81,7 @@ def standard_noise(raw: Raw, rows: Floats) -> None:
 
 @compiled
 def drift_noise(raw: Raw, rows: Floats) -> None:
-    """Fill the last four rows, which a moving setpoint uses, from integers (4, n); see `fields`."""
+    """Fill the last four rows, which a moving setpoint uses, from integers (4, n)."""
     for j in range(DRIFT_SLOTS):
         for i in range(raw.shape[1]):
             rows[DYNAMICS_SLOTS + j, i] = uniform(raw[j, i])
-
-
-@inlined
-def fields(z: Floats) -> Noise:
-    """Rows (12, n) as the fields of a noise."""
-    return Noise(z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7], z[8], z[9], z[10], z[11])

@@ -28,7 +28,7 @@ from ibdata.dynamics.fatigue import (
     update_mu,
 )
 from ibdata.dynamics.miscalibration import effective_shift, penalty, update_direction
-from ibdata.dynamics.noise import Noise, checked_noise
+from ibdata.dynamics.noise import NOISE_ROWS, Noise, checked_noise
 from ibdata.dynamics.setpoint import D_G, D_H, D_V, drift, steer
 from ibdata.dynamics.state import COSTS, NO_DRIFT, Floats, State, checked_state
 from ibdata.dynamics.variants import Parameters, Variant, resolve
@@ -42,6 +42,12 @@ VE, GE, MU_V, MU_G = rows("effective_velocity", "effective_gain", "mu_v", "mu_g"
 ALPHA, FB = rows("alpha", "basic_fatigue")
 HE, DELTA, PSI, PHI = rows("effective_shift", "domain", "response", "direction")
 THETA_C, M, C_HAT = rows("convolved_cost", "penalty", "expected_consumption")
+# The rows of a table of noise, in the order of `Noise`.
+(
+    EXP_V, EXP_G, BERNOULLI_V, BERNOULLI_G, UNIFORM_V, UNIFORM_G, NORMAL_ALPHA, NORMAL_C,
+    DRIFT_LENGTH, DRIFT_RATE, DRIFT_ZERO, DRIFT_FLIP,
+) = range(NOISE_ROWS)  # fmt: skip
+ETA_V, ETA_G = EXP_V, EXP_G  # each η takes the place of a draw
 
 
 def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | str = "siemens") -> State:
@@ -75,20 +81,20 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
 
 
 @inlined
-def advance(x: Floats, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
+def advance(x: Floats, action: npt.NDArray[np.floating[Any]], z: Floats, k: Parameters) -> None:
     """Advance every lane by one step, in place: the compiled part of `step`, without its checks.
 
     Each equation has a loop of its own, so that the loops without branches are vectorized. They name the
     rows of the state by number: numba counts references to views of rows, which takes as long as the
-    equations of one lane. The noise is overwritten.
+    equations of one lane. The noise (12, n), z, is overwritten.
     """
-    _steer(x, action, noise, k)
-    _update_fatigue(x, noise, k)
-    _update_consumption(x, noise, k)
+    _steer(x, action, z, k)
+    _update_fatigue(x, z, k)
+    _update_consumption(x, z, k)
 
 
 @inlined
-def _steer(x: Floats, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Parameters) -> None:
+def _steer(x: Floats, action: npt.NDArray[np.floating[Any]], z: Floats, k: Parameters) -> None:
     """Setpoint, velocity, gain and shift."""
     n = x.shape[1]
     for i in range(n):
@@ -97,10 +103,10 @@ def _steer(x: Floats, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Pa
                 x[P, i],
                 x[B, i],
                 int(x[L, i]),
-                noise.uniform_drift_length[i],
-                noise.uniform_drift_rate[i],
-                noise.uniform_drift_zero[i],
-                noise.uniform_drift_flip[i],
+                z[DRIFT_LENGTH, i],
+                z[DRIFT_RATE, i],
+                z[DRIFT_ZERO, i],
+                z[DRIFT_FLIP, i],
                 k,
             )
     for i in range(n):
@@ -112,25 +118,24 @@ def _steer(x: Floats, action: npt.NDArray[np.floating[Any]], noise: Noise, k: Pa
 
 
 @inlined
-def _update_fatigue(x: Floats, noise: Noise, k: Parameters) -> None:
+def _update_fatigue(x: Floats, z: Floats, k: Parameters) -> None:
     """Effective velocity and gain, their noise, the hidden μ, and fatigue."""
     n = x.shape[1]
-    eta_v, eta_g = noise.exp_v, noise.exp_g  # each η takes the place of a draw
     for i in range(n):
         x[VE, i] = effective_velocity(x[V, i], x[G, i], x[P, i], k.v0, k.g0, k.v1, k.g1)
     for i in range(n):
         x[GE, i] = effective_gain(x[G, i], x[P, i])
     for i in range(n):
-        eta_v[i] = noise_component(noise.exp_v[i], noise.uniform_v[i], noise.bernoulli_v[i], x[VE, i], k)
+        z[ETA_V, i] = noise_component(z[EXP_V, i], z[UNIFORM_V, i], z[BERNOULLI_V, i], x[VE, i], k)
     for i in range(n):
-        eta_g[i] = noise_component(noise.exp_g[i], noise.uniform_g[i], noise.bernoulli_g[i], x[GE, i], k)
+        z[ETA_G, i] = noise_component(z[EXP_G, i], z[UNIFORM_G, i], z[BERNOULLI_G, i], x[GE, i], k)
     for i in range(n):
-        x[MU_V, i] = update_mu(x[MU_V, i], x[VE, i], eta_v[i])
+        x[MU_V, i] = update_mu(x[MU_V, i], x[VE, i], z[ETA_V, i])
     for i in range(n):
-        x[MU_G, i] = update_mu(x[MU_G, i], x[GE, i], eta_g[i])
+        x[MU_G, i] = update_mu(x[MU_G, i], x[GE, i], z[ETA_G, i])
     for i in range(n):
         x[ALPHA, i] = amplification(
-            x[MU_V, i], x[MU_G, i], eta_v[i], eta_g[i], noise.normal_alpha[i], k.alpha_threshold
+            x[MU_V, i], x[MU_G, i], z[ETA_V, i], z[ETA_G, i], z[NORMAL_ALPHA, i], k.alpha_threshold
         )
     for i in range(n):
         x[FB, i] = basic_fatigue(x[V, i], x[G, i])
@@ -139,7 +144,7 @@ def _update_fatigue(x: Floats, noise: Noise, k: Parameters) -> None:
 
 
 @inlined
-def _update_consumption(x: Floats, noise: Noise, k: Parameters) -> None:
+def _update_consumption(x: Floats, z: Floats, k: Parameters) -> None:
     """Operational cost, mis-calibration, consumption and reward."""
     n = x.shape[1]
     costs, theta = x[COSTS], x[THETA_C]  # θ is in the place of θᶜ until that is known
@@ -159,6 +164,6 @@ def _update_consumption(x: Floats, noise: Noise, k: Parameters) -> None:
     for i in range(n):
         x[C_HAT, i] = expected_consumption(x[THETA_C, i], x[M, i], k.consumption_offset)
     for i in range(n):
-        x[C, i] = consumption(x[C_HAT, i], noise.normal_consumption[i], k.consumption_noise)
+        x[C, i] = consumption(x[C_HAT, i], z[NORMAL_C, i], k.consumption_noise)
     for i in range(n):
         x[R, i] = reward(x[C, i], x[F, i])

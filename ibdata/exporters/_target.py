@@ -38,7 +38,7 @@ def whole(target: Path, overwrite: bool = False) -> Iterator[Path]:
         except MemoryError:
             raise IbdataError(f"{target}: out of memory; use a smaller --history, or --split") from None
         signals.check()  # HDF5 loses exceptions
-        _sync(export)
+        files.sync_all(export)
         _refuse(target, overwrite)
         _refuse_others(place, export)
         part.place(export)
@@ -68,16 +68,6 @@ def _refuse_others(place: Path, export: Path) -> None:
             continue  # of LeRobot's format, which numbers its files
         if not ((export / name).exists() or (path.is_file() and files.is_litter(name.name))):
             raise UsageError(f"{place}: found {name}, which is not of such an export; choose another --out")
-
-
-def _sync(export: Path) -> None:
-    """Wait until a file, or a folder with its files, is on the disk."""
-    for path in [export, *export.rglob("*")]:
-        descriptor = os.open(path, os.O_RDONLY)
-        try:
-            files.sync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def reserve(path: Path, size: int) -> None:

@@ -13,7 +13,7 @@ from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError
 from ibdata.generation.record import Record
 from ibdata.generation.target import Target
-from ibdata.system.files import keep_access, sync_folder
+from ibdata.system.files import keep_access, sync_all
 from ibdata.system.part import Part, locked_part
 from ibdata.system.signals import held, ignore
 from ibdata.writing.edited import keep_all
@@ -29,8 +29,7 @@ def publish(part: Part) -> None:
     folder = part.folder / DATASET
     if part.target.is_dir():
         _keep(part.target, folder)
-    for inner in (folder / "data", folder / "meta", folder):
-        sync_folder(inner)
+    sync_all(folder)
     record = Record.read(part.folder)
     if record is not None:  # a merge or a copy has no note
         record.model_copy(update={"manifest": _checksum(folder)}).write(part.folder)

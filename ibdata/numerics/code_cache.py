@@ -150,8 +150,13 @@ def _hash(module: str) -> str:
     """The hash of a module's code, and of that of all modules of `ROOMS` that it imports."""
     hasher = hashlib.sha256(f"{numba.__version__} {sys.implementation.cache_tag} {module}".encode())
     for name in sorted(_imported(module, set())):
-        hasher.update(repr(_plain(_code(name))).encode())
+        hasher.update(_hash_of_one(name))
     return hasher.hexdigest()
+
+
+@cache
+def _hash_of_one(module: str) -> bytes:
+    return hashlib.sha256(repr(_plain(_code(module))).encode()).digest()
 
 
 def _imported(module: str, known: set[str]) -> set[str]:

@@ -99,7 +99,7 @@ class Decision(NamedTuple):
 class FrozenModel(BaseModel):
     """An immutable model of a YAML block, in which unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, ignored_types=(Needs,))
+    model_config = ConfigDict(extra="forbid", frozen=True, ignored_types=(Needs,), defer_build=True)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy that is checked as a new block is, and takes over nothing that was computed.

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import cached_property
 from itertools import accumulate
 from operator import itemgetter
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -29,10 +29,8 @@ from ibdata.policies.base import (
 )
 from ibdata.policies.checked import distribution_of
 from ibdata.policies.distributions import ByRow, Distribution, Group
+from ibdata.policies.kinds import AnyPolicy, OneOf
 from ibdata.policies.replaced import OrUniform
-
-if TYPE_CHECKING:
-    from ibdata.policies import AnyBase, AnyPolicy
 
 
 def _without_name(base: Policy) -> Policy:
@@ -111,6 +109,12 @@ class Wrapper(Policy):
         return np.concatenate([base, memory], axis=1) if self.base.needs.memory else memory
 
 
+def _is_simple(policy: type[Policy]) -> bool:
+    """Whether a policy is not made of others."""
+    return not issubclass(policy, Wrapper | Choice)
+
+
+SimplePolicy = Annotated[Policy, OneOf(_is_simple)]
 Probability = Annotated[
     float,
     Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False),
@@ -128,7 +132,7 @@ class EpsilonGreedy(Wrapper):
     own_needs: ClassVar[Needs] = Needs(history=0, step_draws=4)  # one that decides, three for the action
 
     kind: Literal["epsilon_greedy"] = "epsilon_greedy"
-    base: Annotated[AnyBase, Unnamed] = Field(description="the policy whose actions are replaced")
+    base: Annotated[SimplePolicy, Unnamed] = Field(description="the policy whose actions are replaced")
     epsilon: Probability = Field(description="probability of a random action, in [0, 1]")
 
     def decide(self, observed: Observed) -> Decision:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -15,10 +15,8 @@ from ibdata.policies.base import Decision, Float32s, Floats, Needs, Observed, St
 from ibdata.policies.baselines import Constant
 from ibdata.policies.compound import DrawsNothing, Probability, Unnamed, Wrapper
 from ibdata.policies.distributions import Certain, ClippedNormal
+from ibdata.policies.kinds import AnyPolicy, DeterministicBase
 from ibdata.policies.replaced import OrCertain
-
-if TYPE_CHECKING:
-    from ibdata.policies import AnyPolicy, DeterministicBase
 
 
 class Gaussian(Wrapper):

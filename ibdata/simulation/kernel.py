@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import variants
-from ibdata.dynamics.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, fields, standard_noise
+from ibdata.dynamics.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, standard_noise
 from ibdata.dynamics.state import Floats
 from ibdata.dynamics.step import advance
 from ibdata.numerics.compiled import compiled
@@ -52,12 +52,12 @@ def simulate(
         first: see `record`.
     """
     noise = np.zeros((NOISE_ROWS, actions.shape[1]))
-    k, z = named(parameters), fields(noise)
+    k = named(parameters)
     for t in range(actions.shape[0]):
         standard_noise(raw[t], noise)
         if drift.shape[0] > 0:
             drift_noise(drift[t], noise)
-        advance(x, actions[t], z, k)
+        advance(x, actions[t], noise, k)
         _observe(x, observations)
         _remember(actions[t], actions_before)
         for j in range(rows.shape[0]):
@@ -97,7 +97,7 @@ def simulate_lane(
     standard_noise(column[:DYNAMICS_SLOTS], noise)
     if raw.shape[0] > DYNAMICS_SLOTS:
         drift_noise(column[DYNAMICS_SLOTS:], noise)
-    advance(x, action, fields(noise), named(parameters))
+    advance(x, action, noise, named(parameters))
     _observe(x, history)
     whole = out.view(np.int64)
     for j in range(rows.shape[0]):

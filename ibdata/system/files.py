@@ -10,11 +10,13 @@ import os
 import shutil
 import stat
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 BLOCK = 2**20
+WAITING = 8  # files for which `sync_all` waits at a time
 
 
 class FileEntry(NamedTuple):
@@ -61,26 +63,27 @@ class HashingFile(io.RawIOBase):
 
 
 @contextmanager
-def new_file(path: Path) -> Iterator[HashingFile]:
-    """Write a file, which is on the disk at the end of the block, and gone if the block raises.
+def new_file(path: Path, waits: bool = True) -> Iterator[HashingFile]:
+    """Write a file, which is on the disk at the end of the block if it waits, and gone if the block raises.
 
-    The entry in its folder may not be on the disk yet: `sync_folder` waits for that. The folder is made if it
-    is missing.
+    The entry in its folder may not be on the disk yet: `sync_folder` waits for that, and `sync_all` for
+    everything. The folder is made if it is missing.
     """
     path.parent.mkdir(exist_ok=True)
     try:
         with path.open("wb") as raw:
             yield HashingFile(raw)
             raw.flush()
-            sync(raw.fileno())
+            if waits:
+                sync(raw.fileno())
     except BaseException:
         path.unlink(missing_ok=True)
         raise
 
 
-def write_new(folder: Path, path: str, data: bytes) -> FileEntry:
+def write_new(folder: Path, path: str, data: bytes, waits: bool = True) -> FileEntry:
     """Write folder/path, a file that nobody reads yet."""
-    with new_file(folder / path) as file:
+    with new_file(folder / path, waits) as file:
         file.write(data)
     return FileEntry(path, file.size, file.sha256())
 
@@ -198,7 +201,21 @@ def reserve(descriptor: int, size: int) -> None:
 
 def sync_folder(folder: Path) -> None:
     """Wait until the list of files in a folder is on the disk."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    _sync_path(folder)
+
+
+def sync_all(place: Path) -> None:
+    """Wait until a file, or a folder with all that is in it, is on the disk."""
+    folders = [path for path in [place, *place.rglob("*")] if path.is_dir()]
+    files = [path for path in [place, *place.rglob("*")] if not path.is_dir()]
+    with ThreadPoolExecutor(WAITING) as threads:  # the disk takes as long for several files as for one
+        list(threads.map(_sync_path, files))
+    for folder in reversed(folders):  # the inner ones first
+        sync_folder(folder)
+
+
+def _sync_path(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
     try:
         sync(descriptor)
     finally:

@@ -44,7 +44,7 @@ def finish(
     code: Sequence[Code] = (),
     clipped: int | None = None,
 ) -> None:
-    """Write all files of a dataset other than its shards, with the manifest last.
+    """Write all files of a dataset other than its shards. They are on the disk once it is published.
 
     Args:
         spec: The experiments and splits of the dataset.
@@ -58,11 +58,11 @@ def finish(
     episodes = metadata.episodes_table(spec, written)
     entries = [w.entry for w in written]
     for path, data in metadata_files(metadata_paths(spec), spec, written, episodes):
-        entries.append(write_new(folder, path, data))
+        entries.append(write_new(folder, path, data, waits=False))
     description = croissant(spec, written, entries, root)
-    entries.append(write_new(folder, manifest.CROISSANT, metadata.as_json(description)))
-    write_new(folder, manifest.SPLITS, metadata.splits_file(spec))
-    write_new(folder, manifest.CARD, card(spec, written, root, episodes))
+    entries.append(write_new(folder, manifest.CROISSANT, metadata.as_json(description), waits=False))
+    write_new(folder, manifest.SPLITS, metadata.splits_file(spec), waits=False)
+    write_new(folder, manifest.CARD, card(spec, written, root, episodes), waits=False)
     listed = manifest.sealed(
         Manifest(
             format=manifest.FORMAT,
@@ -88,7 +88,7 @@ def finish(
             checksum=UNSEALED,
         )
     )
-    write_new(folder, manifest.PATH, metadata.as_json(listed))
+    write_new(folder, manifest.PATH, metadata.as_json(listed), waits=False)
 
 
 def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:

@@ -34,7 +34,6 @@ from ibdata.dynamics.noise import (
     DYNAMICS_SLOTS,
     NOISE_ROWS,
     drift_noise,
-    fields,
     standard_noise,
 )
 from ibdata.experiment.rollout import rollout
@@ -99,7 +98,7 @@ def by_address(seed):
     ):
         raw = integers(keys, indices, purpose, 0, STEPS, slots)
         convert(np.ascontiguousarray(raw.transpose(1, 2, 0)).reshape(slots, N), rows)
-    return {name: x.reshape(len(cells), PER_SETPOINT, STEPS) for name, x in fields(rows)._asdict().items()}
+    return {name: x.reshape(len(cells), PER_SETPOINT, STEPS) for name, x in Noise(*rows)._asdict().items()}
 
 
 def of_consumption(data):

@@ -24,8 +24,8 @@ from ibdata.dynamics.noise import (
     DRIFT_SLOTS,
     DYNAMICS_SLOTS,
     NOISE_ROWS,
+    Noise,
     drift_noise,
-    fields,
     standard_noise,
 )
 from ibdata.numerics import exact
@@ -160,7 +160,7 @@ def test_a_uniform_is_the_upper_52_bits_and_a_half_exactly(integer):
 def test_each_slot_is_transformed_into_its_field_alone(convert, slots, table):
     drawn, rows = some_raw(slots, 500), np.zeros((NOISE_ROWS, 500))
     convert(drawn, rows)
-    for field, values in fields(rows)._asdict().items():
+    for field, values in Noise(*rows)._asdict().items():
         slot, transform = table.get(field, (0, lambda u: 0.0))
         assert values.tolist() == [transform(uniform(x)) for x in drawn[slot]], field
 
