@@ -122,8 +122,8 @@ def described(
 ) -> dict[str, Statistic]:
     """Count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
 
-    A sample stands for all rows of its shard. A value that is not finite becomes None. To find that `likely`
-    quantiles are right is faster than to find them.
+    A sample stands for all rows of its shard. A value that is not finite becomes None. Quantiles that are
+    `likely`, as those of a file are, are tried first: that is faster than to find them.
     """
     sample = np.concatenate(samples, axis=1)
     weights = np.concatenate(

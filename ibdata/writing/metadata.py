@@ -180,7 +180,7 @@ def statistics(
 ) -> Statistics:
     """Make statistics.json: statistics of every float column, over all rows and over each declared split.
 
-    The quantiles of `likely` statistics are tried, which is faster than to find them.
+    The quantiles of `likely` statistics are tried first.
     """
     names = layout(spec.experiments[0]).names
     of_splits = {name: [w.content for w in written if name in w.shard.splits] for name in spec.declared}
