@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
@@ -33,7 +34,8 @@ from ibdata.writing.croissant import croissant
 from ibdata.writing.finish import experiment_files, first_difference
 from ibdata.writing.shard import ShardSummarizer, ShardSummary, WrittenShard
 
-PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes
+PART_ROWS = 50_000
+WAITING = 2  # parts that were read and are not checked yet
 
 
 def check_shard(
@@ -65,15 +67,18 @@ def check_shard(
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(path, None, "rows", message)]
         batches = parquet.batches(place, path, None, PART_ROWS, threads=False)
-        with ThreadPoolExecutor(1) as checking:  # while the next part is read
-            before: Future[None] | None = None
+        # While a part is read, the one before is summarized and the one before that is checked.
+        with ThreadPoolExecutor(1) as summarizing, ThreadPoolExecutor(1) as checking:
+            waiting = deque[Future[None]]()
             for piece in stored_pieces(spec, shard, batches, PART_ROWS):
-                if before:
-                    before.result()
-                before = checking.submit(_check, experiment, shard, piece, summarizer, broken)
+                if len(waiting) == WAITING:
+                    waiting.popleft().result()
+                described = summarizing.submit(summarizer.add, piece)
+                waiting.append(checking.submit(_check, experiment, shard, piece, described, broken))
                 advance((piece.episodes.stop - piece.episodes.first) * experiment.steps)
-            if before:
-                before.result()
+                del piece  # so that it is not in memory beside the two that wait and the next
+            for checked in waiting:
+                checked.result()
     except DatasetError as error:
         return None, [Problem.of(error, path, storage(place).where(path), "parquet")]
     problems = broken.problems()
@@ -106,10 +111,10 @@ def _check(
     experiment: Experiment,
     shard: Shard,
     piece: Piece,
-    summarizer: ShardSummarizer,
+    described: Future[Moments],
     broken: _BrokenRules,
 ) -> None:
-    """Add a part to the summary, and the rules that it breaks to those found."""
+    """Add the rules that a part breaks to those found."""
     first = row = (piece.episodes.first - shard.first) * experiment.steps
     whole = True
     for batch in piece.others:
@@ -117,7 +122,7 @@ def _check(
         broken.add("nulls", row, missing)
         whole, row = whole and not missing, row + batch.num_rows
     if whole:
-        rows = _rows(experiment, piece, summarizer.add(piece))
+        rows = _rows(experiment, piece, described.result())
         for name, rule in RULES.items():
             broken.add(name, first, rule(rows))
 

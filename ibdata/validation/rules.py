@@ -74,9 +74,10 @@ class Rows(NamedTuple):
         """The names of the columns with a role."""
         return [column.name for column in self.described if column.role == role]
 
-    def stack(self, role: str) -> Array:
-        """The columns with a role (rows, columns)."""
-        return np.stack([self.columns[name] for name in self.group(role)], axis=1)
+    def stack(self, role: str, part: slice) -> Array:
+        """Some rows of the columns with a role, as float32 (rows, columns)."""
+        names = self.group(role)
+        return np.stack([self.columns[name][part] for name in names], axis=1, dtype=np.float32)
 
     def changed(self, before: str, after: str) -> Array:
         """The rows in which `before` is not what `after` is in the next row of the episode (k,)."""
@@ -216,7 +217,7 @@ def _log_prob(rows: Rows, low: int, high: int) -> Array:
     """The log densities of the actions of episodes low … high - 1 of these rows, all of one policy."""
     part = slice(low * rows.experiment.steps, high * rows.experiment.steps)
     observations, actions = (
-        rows.stack(role)[part].astype(np.float32).reshape(high - low, rows.experiment.steps, -1)
+        rows.stack(role, part).reshape(high - low, rows.experiment.steps, -1)
         for role in ("observation", "action")
     )
     first = rows.part.first + low

@@ -86,9 +86,9 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
         return
     entries, written = manifest_model.entries(), list[WrittenShard]()
     for shard, one in zip(spec.shards, manifest_model.shards, strict=True):
-        if not files.is_whole(one.path):
-            continue
         summary, problems = check_shard(spec, shard, stored.storage, one.path, advance)
+        if not files.is_whole(one.path):  # asked now, so that the file is hashed meanwhile
+            continue
         yield from problems
         if summary is not None:
             written.append(WrittenShard(shard, entries[one.path], summary))
