@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
@@ -34,8 +33,7 @@ from ibdata.writing.croissant import croissant
 from ibdata.writing.finish import experiment_files, first_difference
 from ibdata.writing.shard import ShardSummarizer, ShardSummary, WrittenShard
 
-PART_ROWS = 50_000
-WAITING = 2  # parts that were read and are not checked yet
+PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes
 
 
 def check_shard(
@@ -67,18 +65,15 @@ def check_shard(
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(path, None, "rows", message)]
         batches = parquet.batches(place, path, None, PART_ROWS, threads=False)
-        # While a part is read, the one before is summarized and the one before that is checked.
-        with ThreadPoolExecutor(1) as summarizing, ThreadPoolExecutor(1) as checking:
-            waiting = deque[Future[None]]()
+        with ThreadPoolExecutor(1) as checking:  # while the next part is read
+            before: Future[None] | None = None
             for piece in stored_pieces(spec, shard, batches, PART_ROWS):
-                if len(waiting) == WAITING:
-                    waiting.popleft().result()
-                described = summarizing.submit(summarizer.add, piece)
-                waiting.append(checking.submit(_check, experiment, shard, piece, described, broken))
+                if before:
+                    before.result()
+                before = checking.submit(_check, experiment, shard, piece, summarizer, broken)
                 advance((piece.episodes.stop - piece.episodes.first) * experiment.steps)
-                del piece  # so that it is not in memory beside the two that wait and the next
-            for checked in waiting:
-                checked.result()
+            if before:
+                before.result()
     except DatasetError as error:
         return None, [Problem.of(error, path, storage(place).where(path), "parquet")]
     problems = broken.problems()
@@ -111,10 +106,10 @@ def _check(
     experiment: Experiment,
     shard: Shard,
     piece: Piece,
-    described: Future[Moments],
+    summarizer: ShardSummarizer,
     broken: _BrokenRules,
 ) -> None:
-    """Add the rules that a part breaks to those found."""
+    """Add a part to the summary, and the rules that it breaks to those found."""
     first = row = (piece.episodes.first - shard.first) * experiment.steps
     whole = True
     for batch in piece.others:
@@ -122,7 +117,7 @@ def _check(
         broken.add("nulls", row, missing)
         whole, row = whole and not missing, row + batch.num_rows
     if whole:
-        rows = _rows(experiment, piece, described.result())
+        rows = _rows(experiment, piece, summarizer.add(piece))
         for name, rule in RULES.items():
             broken.add(name, first, rule(rows))
 
