@@ -35,12 +35,12 @@ def reading(scratch: Scratch) -> list[Row]:
     peak = f"peak {scratch.script(WINDOWS, str(dataset.path)):.0f} MB, with Python and pyarrow"
     return [
         Row("reading, 1,000,000 rows", f"{read:.3f} s", "", "pyarrow, all columns, its own threads"),
-        Row("validate, against reading", f"{validate / read:.1f} ×", "≤ 2.5 ×", f"{validate:.2f} s"),
-        Row("statistics(), against reading", f"{stats / read:.2f} ×", "≤ 2.5 ×", "from meta/statistics.json"),
+        Row("validate, against reading", f"{validate / read:.1f} ×", "≤ 4 ×", f"{validate:.2f} s"),
+        Row("statistics(), against reading", f"{stats / read:.2f} ×", "", "from meta/statistics.json"),
         Row("ibdata stats, against reading", f"{command / read:.1f} ×", "", start),
         Row("arrays(), against reading", f"{one / read:.1f} ×"),
-        Row("arrays(history=30), against reading", f"{thirty / read:.1f} ×", "≤ 1.5 ×", speed),
-        Row("windows(history=30), bytes a row", f"{held:.1f}", "", peak),
+        Row("arrays(history=30), against reading", f"{thirty / read:.1f} ×", "", speed),
+        Row("windows(history=30), bytes a row", f"{held:.1f}", "≤ 26", peak),
     ]
 
 
