@@ -17,14 +17,6 @@ URL = re.compile(
 USER = re.compile(r"^(?:[^/]*@|[^/]*:(?![0-9]*(?:/|$)).*@)")  # a secret may contain an unescaped /
 VALUE = re.compile(r"([^?&;=]+)=([^&;]*)")
 HIDDEN = "…"
-# A command with its options, which stays as it is in messages, or an option.
-OPTION = re.compile(r"\bibdata \w+(?: --[a-z-]+ \S+)+|(?<![\w./-])--(?P<name>[a-z][a-z-]*)")
-ARGUMENTS = {  # of the options that have another form
-    "allow-code": "allow_code=True",
-    "overwrite": "overwrite=True",
-    "resume": "resume=True",
-    "name": "names",
-}
 # Parameters of a query whose values are shown; any other value may be a secret.
 OPEN_VALUES = ("region", "scheme", "endpoint_override")
 
@@ -47,37 +39,16 @@ def _without_value(pair: re.Match[str]) -> str:
     return f"{pair[1]}={pair[2] if pair[1].lower() in OPEN_VALUES else HIDDEN}"
 
 
-def of_python(message: str) -> str:
-    """A message about options as one about arguments.
-
-    >>> of_python("out: exists; choose another --out, or --overwrite it")
-    'out: exists; choose another out, or overwrite=True it'
-    >>> of_python("out: damaged; ibdata generate --config mine.yaml --out out makes it again")
-    'out: damaged; ibdata generate --config mine.yaml --out out makes it again'
-    """
-    return OPTION.sub(_argument, message)
-
-
-def _argument(option: re.Match[str]) -> str:
-    name = option["name"]
-    return ARGUMENTS.get(name, name.replace("-", "_")) if name else option[0]
-
-
 class IbdataError(ValueError):
     """Base class of ibdata's exceptions. Credentials in URLs are removed from the message.
 
-    As a text it names arguments, such as allow_code=True. The command line prints `message`, which names
-    options, such as --allow-code.
+    A message names a parameter as the command line does: --allow-code is allow_code=True in Python.
     """
 
     exit_code = 1
 
     def __init__(self, message: str = "") -> None:
-        self.message = hidden(message)
-        super().__init__(self.message)
-
-    def __str__(self) -> str:
-        return of_python(self.message)
+        super().__init__(hidden(message))
 
 
 class UsageError(IbdataError):
@@ -156,7 +127,7 @@ class ConfigError(UsageError):
         return tuple(str(self).split("\n"))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[list[str]]]:
-        return type(self), (self.message.split("\n"),)  # pickled on the way back from a worker process
+        return type(self), (str(self).split("\n"),)  # pickled on the way back from a worker process
 
 
 class DatasetError(IbdataError):
@@ -177,7 +148,6 @@ class Interrupted(KeyboardInterrupt):
     Attributes:
         exit_code: 128 plus the number of the signal.
         left: What is left behind, in words.
-        message: The text with options in place of arguments, as of `IbdataError`.
     """
 
     def __init__(self, signal_number: int, left: str = "nothing unfinished is left behind") -> None:
@@ -185,9 +155,5 @@ class Interrupted(KeyboardInterrupt):
         self.exit_code = 128 + signal_number
         super().__init__(signal_number, left)
 
-    @property
-    def message(self) -> str:
-        return f"stopped by signal {self.signal_number}; {self.left}"
-
     def __str__(self) -> str:
-        return of_python(self.message)
+        return f"stopped by signal {self.signal_number}; {self.left}"

@@ -141,7 +141,7 @@ def _run(args: list[str]) -> int:
         if isinstance(error, click.UsageError) and error.ctx:
             hint = f"Try '{error.ctx.command_path} --help'."
     except Stopped as error:
-        code, lines = error.interrupted.exit_code, [error.interrupted.message]
+        code, lines = error.interrupted.exit_code, [str(error.interrupted)]
     except (KeyboardInterrupt, click.Abort):
         code, lines = INTERRUPTED, ["stopped; nothing unfinished is left behind"]
     except BrokenPipeError:  # whoever reads stdout has gone
@@ -199,9 +199,9 @@ def _instead(error: click.ClickException) -> str | None:
 
 def _lines(error: Exception) -> list[str]:
     if isinstance(error, ConfigError):
-        return shortened(error.message.split("\n"))
+        return shortened(str(error).split("\n"))
     if isinstance(error, IbdataError):
-        return [printable(error.message)]
+        return [printable(str(error))]
     if isinstance(error, OSError) and error.strerror:
         unnamed = "the current folder" if isinstance(error, FileNotFoundError) else "stdout"
         return [f"{printable(os.fsdecode(error.filename or unnamed))}: {error.strerror}"]

@@ -124,7 +124,7 @@ def diff_command(first: Path, second: Path) -> Printed:
     try:
         datasets = Dataset(first), Dataset(second)
     except NoDatasetError as error:
-        raise UsageError(error.message) from None
+        raise UsageError(str(error)) from None
     differences = difference(*datasets)
     data = {"same": not differences, "differences": differences}
     if not differences:

@@ -243,9 +243,9 @@ def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Aga
     Raises UsageError if there are none, or if no evaluation of the set has the chosen settings.
     """
     lines = shipped_baselines()
-    path = full_name("against", name, list(dict.fromkeys(line.set for line in lines)))
+    path = full_name("--against", name, list(dict.fromkeys(line.set for line in lines)))
     if view.reward.kind != "classic":
-        raise UsageError(f"reward: found {view.reward.kind}, expected classic: against compares with it")
+        raise UsageError(f"--reward: found {view.reward.kind}, expected classic: --against compares with it")
     of_set = [(line, evaluated) for line in lines if line.set == path for evaluated in line.evaluations]
     settings = _agreeing(name, [evaluated.settings for _, evaluated in of_set], chosen)
     return Against(settings, [pair for pair in of_set if pair[1].settings == settings])
@@ -265,7 +265,7 @@ def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[
     key, value = next(iter(fewest.items()))
     known = dict.fromkeys(_shown(form[key]) for form in forms)
     raise UsageError(
-        f"{key}: found {_shown(value)}, expected {' or '.join(known)}: against {name} "
+        f"--{key}: found {_shown(value)}, expected {' or '.join(known)}: --against {name} "
         f"compares with the returns of {_text(nearest)}"
     )
 

@@ -127,7 +127,7 @@ def load_all(config: Config, overrides: Overrides = (), seed: int | None = None)
         try:
             experiments.append(load(file, overrides, seed))
         except UsageError as error:
-            problems += error.message.split("\n")
+            problems += str(error).split("\n")
     if problems:
         raise ConfigError(list(dict.fromkeys(problems)))  # each file reports the same problem of an override
     return experiments

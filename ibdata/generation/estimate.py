@@ -120,7 +120,7 @@ def _action(experiment: Experiment, place: Path | str, mode: Mode) -> str | None
     try:
         return decide(look(target, DatasetSpec.of(experiment), with_part=True), mode).value
     except TakenError as error:
-        return f"stop: {error.message}"
+        return f"stop: {error}"
 
 
 def _estimate(planned: Experiment, place: Path | str, workers: int | None) -> dict[str, Any]:

@@ -202,7 +202,7 @@ def _found_at(target: Target, spec: DatasetSpec) -> Found:
     try:
         listed = manifest.read(target.path)
     except DatasetError as error:
-        why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error.message})"
+        why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
         why = f"not a dataset of ibdata, left as it is{why}; move it away, or choose another --out"
         return Found(name, At.FOREIGN, why=why)
     in_the_way = _in_the_way(target.path, listed)

@@ -23,6 +23,7 @@ from ibdata.numerics.naming import exact
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.configs import canonical_file
 from ibdata.system.lock import locked
+from ibdata.system.part import refusals
 from ibdata.views.options import View
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -125,18 +126,27 @@ def _dataset(name: str, experiment: Experiment, root: str | None) -> Dataset:
     """The dataset in the cache, which is made where it is missing or not what it should be."""
     ending = "" if root is not None else f"-seed-{experiment.seed}"
     folder = Path(cache_folders().folders[-1], "datasets", name.replace("/", "-") + ending)
-    with suppress(DatasetError):
-        dataset = Dataset(folder)
-        if is_of(dataset.stored.manifest, experiment) and root in (None, dataset.content_root):
-            return dataset
-    with locked(folder.with_name(f".{folder.name}.lock"), PATIENCE, place=folder):
-        dataset = opened(generate(experiment, folder, overwrite=True))
+    if dataset := _kept(folder, experiment, root):
+        return dataset
+    lock = folder.with_name(f".{folder.name}.lock")
+    with refusals(folder), locked(lock, PATIENCE, place=folder):
+        # Another process may have made it meanwhile.
+        dataset = _kept(folder, experiment, root) or opened(generate(experiment, folder, overwrite=True))
     if root not in (None, dataset.content_root):
         raise DatasetError(
             f"{name}: found the content root {dataset.content_root}, expected {root}; ibdata is not what it "
             "was when its datasets were listed: install it again"
         )
     return dataset
+
+
+def _kept(folder: Path, experiment: Experiment, root: str | None) -> Dataset | None:
+    """The dataset in the cache, if it is what it should be."""
+    with suppress(DatasetError):
+        dataset = Dataset(folder)
+        if is_of(dataset.stored.manifest, experiment) and root in (None, dataset.content_root):
+            return dataset
+    return None
 
 
 def canonical_root(name: str, experiment: Experiment) -> str | None:

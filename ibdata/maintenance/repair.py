@@ -93,7 +93,7 @@ def _stored(place: Path) -> Stored:
     except DatasetError as error:
         again = f"ibdata generate --config {place / manifest.EXPERIMENT} --out NEW makes the dataset again"
         known = os.path.isfile(place / manifest.EXPERIMENT)
-        raise DatasetError(f"{error.message}; {again}" if known else error.message) from None
+        raise DatasetError(f"{error}; {again}" if known else str(error)) from None
 
 
 def _broken(stored: Stored) -> list[str]:

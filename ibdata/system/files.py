@@ -206,8 +206,9 @@ def sync_folder(folder: Path) -> None:
 
 def sync_all(place: Path) -> None:
     """Wait until a file, or a folder with all that is in it, is on the disk."""
-    folders = [path for path in [place, *place.rglob("*")] if path.is_dir()]
-    files = [path for path in [place, *place.rglob("*")] if not path.is_dir()]
+    paths = [place, *place.rglob("*")]
+    folders = [path for path in paths if path.is_dir()]
+    files = [path for path in paths if not path.is_dir()]
     with ThreadPoolExecutor(WAITING) as threads:  # the disk takes as long for several files as for one
         list(threads.map(_sync_path, files))
     for folder in reversed(folders):  # the inner ones first

@@ -78,15 +78,21 @@ Standard errors over the episodes of what was learned are at most {errors}."""
 
 
 def by_setpoint(results: Results, name: str, policies: Sequence[str]) -> str:
-    """A Markdown table with a row a setpoint, of what was learned from ten episodes at each."""
+    """A Markdown table with a row a setpoint, of what was learned from ten episodes at each.
+
+    Its last row has the largest difference between two seeds at a setpoint.
+    """
     algorithms = [algorithm for data, algorithm in learned_parts(results, name) if data == MIDDLE]
     known = {policy: results.known(name, policy, AT_TEN) for policy in policies}
     learned = {x: results.returns(name, MIDDLE, x, AT_TEN) for x in algorithms}
     rows = []
     for i, setpoint in enumerate(TEN):
         cells = [number(values[i].mean() / 100.0) for values in known.values()]
-        cells += [over_seeds(means([values[i] for values in seeds])) for seeds in learned.values()]
+        cells += [number(float(np.mean(seeds, axis=0)[i].mean()) / 100.0) for seeds in learned.values()]
         rows.append([f"{setpoint:g}", *cells])
+    apart = [np.ptp(np.mean(seeds, axis=2), axis=0).max() / 100.0 for seeds in learned.values()]
+    cells = [number(x) if x else "–" for x in apart]
+    rows.append(["seeds", *("–" for _ in known), *cells])
     return table(["p", *(LABELS[x] for x in (*known, *learned))], rows)
 
 

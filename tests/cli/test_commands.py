@@ -1,7 +1,6 @@
 """What `ibdata generate`, `evaluate`, `info`, `head`, `stats` and `diff` print, as text and as JSON."""
 
 import json
-import pickle
 import shutil
 from pathlib import Path
 
@@ -108,29 +107,6 @@ def test_every_error_of_an_experiment_is_shown_up_to_twelve(run, tmp_path):
     assert (code, error["code"], error["file"], error["line"]) == (2, 2, "bad.yaml", 4)
     assert (len(shown), shown[12]) == (13, "ibdata: and 3 more")
     assert shown[0].startswith("bad.yaml:4:1: wrong_0: no such option")
-
-
-@pytest.mark.parametrize(
-    ("options", "arguments", "command", "python"),
-    [
-        (
-            ["--resume", "--overwrite"],
-            {"resume": True, "overwrite": True},
-            "--resume and --overwrite exclude",
-            "resume=True and overwrite=True exclude",
-        ),
-        (["--out", "file"], {"out": "file"}, "choose another --out", "choose another out"),
-        (["--out", "file/--out"], {"out": "file/--out"}, "file/--out: lies in", "file/--out: lies in"),
-    ],
-)
-def test_a_message_names_options_where_options_are_given(run, options, arguments, command, python):
-    Path("file").write_text("")
-    code, _, err = run("generate", "random", *options)
-    assert (code, command in err) == (2, True), err
-    with pytest.raises(ibdata.IbdataError) as error:
-        ibdata.generate("random", **arguments)
-    assert python in str(error.value)
-    assert str(pickle.loads(pickle.dumps(error.value))) == str(error.value)
 
 
 def test_a_suite_is_made_in_a_folder_of_its_name(run, tmp_path):

@@ -93,7 +93,7 @@ REFUSED = {
     "view": ({"view": {"obsreve": 1}}, "obsreve: no such option; did you mean 'observe'"),
     "word": ({"view": "markov"}, "view: found 'markov', expected a mapping or None"),
     "id": ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', but the format npz has no ids; leave it out"),
-    "memory": ({"history": 10**9}, "made: out of memory; use a smaller history, or split"),
+    "memory": ({"history": 10**9}, "made: out of memory; use a smaller --history, or --split"),
 }
 
 

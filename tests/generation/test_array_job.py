@@ -53,7 +53,7 @@ def interleaved(monkeypatch):
 
 @pytest.mark.parametrize("text", ["1", "0/3", "4/3", "1/3/3", "1/ 3", "²/3", "1/999999"])
 def test_what_is_no_range_is_refused(text):
-    with pytest.raises(UsageError, match=r"^shards: found .*, expected i/n with i from 1 to n, such as 1/"):
+    with pytest.raises(UsageError, match=r"^--shards: found .*, expected i/n with i from 1 to n, such as 1/"):
         make(text)
     assert contents() == {}
 

@@ -18,7 +18,7 @@ def _one_processor(monkeypatch):
 FULL = OSError(28, "No space left on device")
 ERRORS = {  # what is raised, what is seen, and its line
     "a full disk": (FULL, IbdataError, r"^a/b: cannot be written: No space left on device$"),
-    "memory": (MemoryError(), IbdataError, r"^a/b: out of memory; use fewer workers"),
+    "memory": (MemoryError(), IbdataError, r"^a/b: out of memory; use fewer --workers"),
     "a signal": (Interrupted(15), Interrupted, r"^stopped by signal 15; (2 shards are|nothing)"),
     "a bug": (ZeroDivisionError(), ZeroDivisionError, None),
 }

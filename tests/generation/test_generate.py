@@ -59,7 +59,7 @@ WORKERS = "workers: found {}, expected a whole number in [1, 1024]"
         (TINY, {"address": "auto"}, "address: found 'auto', which is only for the engine ray"),
         (TINY, {"seed": -1}, "seed: found -1"),
         ("random", {"seed": -1}, "seed: found -1"),
-        (TINY, {"resume": True, "overwrite": True}, "resume=True and overwrite=True exclude each other"),
+        (TINY, {"resume": True, "overwrite": True}, "--resume and --overwrite exclude each other"),
     ],
 )
 @pytest.mark.parametrize("shards", [None, "1/2"])

@@ -71,7 +71,7 @@ def test_what_would_ask_it_again_is_refused_in_one_line(plain, call):
 def test_a_second_run_is_another_experiment(plain):
     ibdata.generate(plain, "out")
     with pytest.raises(
-        UsageError, match=r"out: holds the dataset of another object of this Python .*; overwrite=True"
+        UsageError, match=r"out: holds the dataset of another object of this Python .*; --over"
     ):
         ibdata.generate(plain, "out")
     experiment = ibdata.load(plain, {"steps": 4})

@@ -35,7 +35,7 @@ def test_a_run_is_resumed_with_the_same_code_only(here, path, named):
     was = (here / path).read_bytes()
     (here / path).write_bytes(was + b"\n")
     before = sorted(Path(".out.part").rglob("*"))
-    line = f"^out: holds an unfinished run with other code, in {named}; overwrite=True to start again, or"
+    line = f"^out: holds an unfinished run with other code, in {named}; --overwrite to start again, or choose"
     with pytest.raises(UsageError, match=line):
         generate(resume=True)
     assert sorted(Path(".out.part").rglob("*")) == before

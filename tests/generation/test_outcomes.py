@@ -9,7 +9,7 @@ from helpers.folders import contents, is_right, part_of
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError, UsageError, of_python
+from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.generation import workers
 from ibdata.generation.estimate import estimate
 from ibdata.generation.target import Action, At, Begun, Found, Mode, TakenError, decide
@@ -63,11 +63,11 @@ def linked():
     Path("out").symlink_to("elsewhere")
 
 
-REPLACE = "out: holds the dataset of another experiment; overwrite=True to replace it"
-BEGUN = "out: holds an unfinished run; resume=True to go on with it"
-ANOTHER = "out: holds an unfinished run of another experiment; overwrite=True to start again, or choose"
-FILE = "out: is a file, not a folder; choose another out"
-FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose another out"
+REPLACE = "out: holds the dataset of another experiment; --overwrite to replace it"
+BEGUN = "out: holds an unfinished run; --resume to go on with it"
+ANOTHER = "out: holds an unfinished run of another experiment; --overwrite to start again, or choose another"
+FILE = "out: is a file, not a folder; choose another --out"
+FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose another --out"
 DAMAGED = "out: not a dataset of ibdata, left as it is ("
 NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
 LOST = "out/meta/experiment.yaml: missing or not whole, but the dataset is finished; ibdata repair makes"
@@ -150,7 +150,7 @@ def made(monkeypatch):
 def preview(**options):
     """What a preview says that `generate` would do."""
     try:
-        return of_python(estimate(TINY, "out", workers=1, **options)["action"])
+        return estimate(TINY, "out", workers=1, **options)["action"]
     except IbdataError as error:
         return str(error)
 
@@ -179,11 +179,11 @@ def test_each_state_has_one_outcome(go_to, plain, made, files, capsys, state, op
 
 
 TAKEN, FIRM, BROKEN = (TakenError, "taken"), (UsageError, "firm"), (DatasetError, "broken")
-UNFINISHED = (TakenError, "x: holds an unfinished run; resume=True to go on with it")
-ANOTHERS = (TakenError, "x: holds an unfinished run of another kind; overwrite=True to start again, or ")
+UNFINISHED = (TakenError, "x: holds an unfinished run; --resume to go on with it")
+ANOTHERS = (TakenError, "x: holds an unfinished run of another kind; --overwrite to start again, or choose ")
 CHANGED = (
     TakenError,
-    "x: holds the dataset of this experiment with other code, in mine.py; overwrite=True to ma",
+    "x: holds the dataset of this experiment with other code, in mine.py; --overwrite to ma",
 )
 OPEN, BEGIN, GO_ON, DISCARD = Action
 DECISIONS = {  # what is at the target, what was begun; without options, with --resume, with --overwrite

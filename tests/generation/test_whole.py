@@ -50,7 +50,7 @@ def test_a_lost_shard_is_an_error_and_the_run_goes_on(tiny, files, monkeypatch, 
     with monkeypatch.context() as broken:
         lose(broken)
         with pytest.raises(
-            IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: 2; .*resume=True"
+            IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: 2; .*--resume"
         ) as e:
             write()
     assert (e.value.exit_code, Path("out").exists()) == (1, False)
@@ -82,7 +82,7 @@ def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, ti
     monkeypatch.setattr(upload, "places", lambda url, e: (tmp_path / "cache/dataset", Remote(url)))
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", Mock(side_effect=OSError(5, "lost")))
-        with pytest.raises(IbdataError, match="resume=True tries again"):
+        with pytest.raises(IbdataError, match="--resume tries again"):
             four_shards_at(url)
     next(Path("cache/dataset/data").iterdir()).unlink()
     four_shards_at(url, resume=True)

@@ -118,9 +118,9 @@ def own():
 
 @slow
 def test_a_killed_worker_ends_the_run_with_advice(own):
-    """And resume goes on without making shards again."""
+    """And --resume goes on without making shards again."""
     others = "len(os.listdir('.out.part/receipts')) == 2"  # the shards of the other setpoint
-    line = "^a worker process ended with code -9, perhaps for lack of memory; run again with resume=True and"
+    line = "^a worker process ended with code -9, perhaps for lack of memory; run again with --resume and few"
     with pytest.raises(IbdataError, match=line):
         own(f"while not {others}: time.sleep(0.05)\nos.kill(os.getpid(), signal.SIGKILL)")
     kept = {path for path, data in contents(part_of("out")).items() if data and path.endswith(".parquet")}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ibdata
-from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.errors import BusyError, DatasetError, IbdataError, UsageError
 from ibdata.experiment.shipped import full_name, shipped
 from ibdata.maintenance import make as room
 from ibdata.system.lock import locked
@@ -84,11 +84,25 @@ def test_a_process_waits_for_another_that_makes_the_set(cache, monkeypatch):
             with pytest.raises(BusyError, match="datasets/random: another process"):
                 ibdata.make("random")
         assert not (cache / "random").exists()
-        ending = threading.Timer(0.2, other.pop_all().close)
+        of_other = other.pop_all()
+
+        def finish():
+            with of_other:
+                ibdata.generate(room.load("random"), cache / "random")
+
+        ending = threading.Timer(0.2, finish)
         ending.start()
+        monkeypatch.setattr(room, "generate", None)  # whoever waited opens what the other one made
         _, train, _ = ibdata.make("random")
         ending.join()
     assert len(train["rewards"]) == 72
+
+
+def test_a_cache_that_cannot_be_written_is_named(cache):
+    cache.parent.mkdir()
+    cache.write_text("")
+    with pytest.raises(IbdataError, match="datasets/random: cannot be written"):
+        ibdata.make("random")
 
 
 @pytest.mark.parametrize(

@@ -248,7 +248,7 @@ def test_a_dataset_is_reproduced_whole_or_in_part(made, episodes, count):
 
 
 def test_no_episode_to_reproduce_is_refused(made):
-    with pytest.raises(UsageError, match=r"^episodes: found -3, expected a whole number of at least 1"):
+    with pytest.raises(UsageError, match=r"^--episodes: found -3, expected a whole number of at least 1"):
         ibdata.reproduce(made.path, -3)
 
 

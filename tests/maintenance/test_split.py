@@ -183,7 +183,7 @@ REFUSED = [
     ({**TRANSFER, "shots": 6}, "found a budget of 6 episodes, expected at most 5, the episodes of each pol"),
     ({**TRANSFER, "transitions": 3}, "found 3 transitions, expected at least 4, those of an episode"),
     ({**TRANSFER, "shots": 1, "transitions": 9}, "expected one of them"),
-    ({**TRANSFER, "fractions": (0.5, 0.5)}, "found fractions, but the scheme transfer uses only source"),
+    ({**TRANSFER, "fractions": (0.5, 0.5)}, "found --fractions, but the scheme transfer uses only --source"),
     (
         {"by": "setpoint", "source": [50], "target": [75], "names": {"source": "low"}},
         "low is a declared split",

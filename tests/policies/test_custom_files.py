@@ -74,7 +74,7 @@ def test_a_file_is_found_with_what_it_imports_and_hashed(beside, tmp_path, worke
 def test_an_edit_of_a_helper_is_said_and_makes_new_data(beside, tmp_path):
     made = beside("code/own-policy.py:Own")
     (tmp_path / "exp/code/size_of_mine.py").write_text("SIZE = 0.25")
-    with pytest.raises(UsageError, match=r"out: holds .* other code, in size_of_mine\.py; overwrite=True"):
+    with pytest.raises(UsageError, match=r"out: holds .* other code, in size_of_mine\.py; --overwrite"):
         beside("code/own-policy.py:Own")
     again = beside("code/own-policy.py:Own", overwrite=True)
     assert again.content_root != made.content_root

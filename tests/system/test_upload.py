@@ -47,7 +47,7 @@ def interrupted(monkeypatch, url, puts, torn=False):
 
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
-        with pytest.raises(IbdataError, match=r"there: cannot be written: connection lost; resume=True"):
+        with pytest.raises(IbdataError, match=r"there: cannot be written: connection lost; --resume tries"):
             four_shards_at(url)
 
 
@@ -111,7 +111,7 @@ def test_a_signal_stops_an_upload(url, monkeypatch, is_whole):
 
     with monkeypatch.context() as patched:
         patched.setattr(Remote, "put", stopping)
-        with pytest.raises(Interrupted, match=r"; the dataset is not uploaded; resume=True uploads it$"):
+        with pytest.raises(Interrupted, match=r"; the dataset is not uploaded; --resume uploads it$"):
             four_shards_at(url)
     assert len([path for path in Path("there").rglob("*") if path.is_file()]) == 1
     four_shards_at(url, resume=True)
@@ -121,7 +121,7 @@ def test_a_signal_stops_an_upload(url, monkeypatch, is_whole):
 def test_what_a_url_cannot_do_is_refused(url, tmp_path):
     """An object store cannot exchange two folders; and a URL may name a folder of this machine."""
     four_shards_at(url)
-    with pytest.raises(UsageError, match=f"^{url}: overwrite=True is for folders"):
+    with pytest.raises(UsageError, match=f"^{url}: --overwrite is for folders"):
         ibdata.generate(TINY, url, workers=1, seed=1, overwrite=True)
     with pytest.raises(UsageError, match="lies within the dataset"):
         four_shards_at(f"file://{tmp_path}/there/data/in")
