@@ -18,7 +18,12 @@ from training.results import Results, means
 
 ERRORS = (2, 5, 10, 20, 50, 100)
 FOLDER = DOCS / "figures"
-KNOWN = {"zero": ("no change", ":"), "optimized": ("optimized", "--"), "expert": ("expert", "-")}
+KNOWN = {
+    "zero": ("no change", ":"),
+    "safe": ("safe", "-."),
+    "optimized": ("optimized", "--"),
+    "expert": ("expert", "-"),
+}
 NAMES = {
     "target": "target alone",
     "source": "source alone",
@@ -98,13 +103,18 @@ def draw_map(figure: Figure, results: Results, distances: dict[str, Any]) -> Non
     """Draw what the source alone gives at each target, and how far apart both are."""
     figure.set_size_inches(7.4, 2.9)
     axes = figure.subplots(1, 3, sharey=True)
-    panels = {
-        "dissimilarity of consumption": np.array(distances["consumption"]),
-        "error of the model, 10 steps": setpoint_map.errors(results, "source", "consumption"),
-        "score of the policy": setpoint_map.scores(results),
-    }
-    for axis, (title, grid) in zip(axes, panels.items(), strict=True):
-        mesh = axis.pcolormesh(TARGETS, SOURCES, grid, shading="nearest", cmap="viridis")
+    errors = setpoint_map.errors(results, "source", "consumption")
+    apart = np.where(np.isnan(errors), np.nan, np.array(distances["consumption"]))
+    panels = [
+        ("dissimilarity, consumption", apart, "linear"),
+        ("consumption error, 10 steps", errors, "log"),
+        ("score of the policy", setpoint_map.scores(results), "linear"),
+    ]
+    for axis, (title, grid, scale) in zip(axes, panels, strict=True):
+        mesh = axis.pcolormesh(TARGETS, SOURCES, grid, shading="nearest", cmap="viridis", norm=scale)
         axis.set(title=title, xlabel="target")
-        figure.colorbar(mesh, ax=axis)
+        bar = figure.colorbar(mesh, ax=axis, format="%g")
+        if scale == "log":
+            bar.set_ticks([20, 50, 100, 200])
+            bar.minorticks_off()
     axes[0].set_ylabel("source")
