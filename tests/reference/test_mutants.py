@@ -34,7 +34,7 @@ MUTANTS = {  # name: file, then old and new for each changed text
         "step.py", "action[i, 0]", "action[i, 1]", "action[i, 1]", "action[i, 0]"),
     "effective actions swapped in the noise": (
         "step.py",
-        "bernoulli_v[i], x[VE", "bernoulli_v[i], x[GE", "bernoulli_g[i], x[GE", "bernoulli_g[i], x[VE"),
+        "BERNOULLI_V, i], x[VE", "BERNOULLI_V, i], x[GE", "BERNOULLI_G, i], x[GE", "BERNOULLI_G, i], x[VE"),
     "fatigue amplification": ("fatigue.py", "AMPLIFICATION = 1.1\n", "AMPLIFICATION = 1.12\n"),
     "latent decay": ("fatigue.py", "0.9 * mu", "0.89 * mu"),
     "cost coefficients swapped": ("consumption.py", "4.0 * v + 2.5 * g", "2.5 * v + 4.0 * g"),
@@ -56,9 +56,9 @@ MUTANTS = {  # name: file, then old and new for each changed text
     "the old setpoint used": (
         "step.py",
         "    _steer(x, action", "    old = x[P].copy()\n    _steer(x, action",
-        "_update_fatigue(x, noise, k)\n    _update_consumption(x, noise, k)",
-        "new, x[P] = x[P].copy(), old\n    _update_fatigue(x, noise, k)\n"
-        "    _update_consumption(x, noise, k)\n    x[P] = new"),
+        "_update_fatigue(x, z, k)\n    _update_consumption(x, z, k)",
+        "new, x[P] = x[P].copy(), old\n    _update_fatigue(x, z, k)\n"
+        "    _update_consumption(x, z, k)\n    x[P] = new"),
     "setpoint moved twice": ("setpoint.py", "return moved(p, b),", "return moved(moved(p, b), b),"),
     "setpoint turns before moving": ("variants.py", "drift_flip=(0.0, 0.5)", "drift_flip=(0.5, 0.0)"),
     "segment one step longer": ("setpoint.py", "k.flip_after), left - 1", "k.flip_after), left"),
