@@ -133,8 +133,8 @@ def run(
         else:
             stopped = threading.Event()
             stack.callback(stopped.set)
-            few = at_once == 1 or len(shards) < 2 * at_once  # else each thread has enough to do
-            overlap = few and available_processors() > 1
+            few_shards = at_once == 1 or len(shards) < 2 * at_once  # else each thread has enough to do
+            overlap = few_shards and available_processors() > 1
             for _ in range(at_once):
                 makers.put(_maker(process, root, overlap, stopped))
         with held():  # a signal's exception while a thread starts would leave it running
