@@ -82,7 +82,6 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         self._streams = Streams(num_envs)
         self._elapsed = np.full(num_envs, -1)  # steps of the episode; -1: it has not begun
         self._done = np.zeros(num_envs, dtype=bool)
-        self._all_begun, self._some_done = False, False
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:
@@ -177,31 +176,31 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     def _began(self, which: Indices) -> None:
         self._elapsed[which] = 0
         self._done[which] = False
-        self._all_begun, self._some_done = bool((self._elapsed >= 0).all()), bool(self._done.any())
 
     def step(
         self, actions: Float32s
     ) -> tuple[Float32s, npt.NDArray[np.float64], Flags, Flags, dict[str, Any]]:
         """Advance every lane by one step. Returns observations, rewards, flags (n,) and the hidden states."""
-        if not self._all_begun or (self._mode == DISABLED and self._some_done):
+        # count_nonzero is eight times as fast as any().
+        if np.count_nonzero(self._elapsed < 0) or (self._mode == DISABLED and np.count_nonzero(self._done)):
             raise gym.error.ResetNeeded(
                 "step: found lanes without a running episode, expected reset() before"
             )
         rewards = self._moved(self._checked(actions, self.num_envs))
         truncated, final = self._elapsed >= self._limit, {}
-        if np.count_nonzero(truncated):  # eight times as fast as any()
+        if np.count_nonzero(truncated):
             if self._mode == SAME_STEP:
                 final = self._final(truncated)
                 self._begin(np.flatnonzero(truncated))
             else:
-                self._done, self._some_done = truncated.copy(), True
+                self._done = truncated.copy()
         terminated = np.zeros(self.num_envs, dtype=bool)
         return self._simulation.observations(), rewards, terminated, truncated, final | self._info()
 
     def _moved(self, actions: Float32s) -> npt.NDArray[np.float64]:
         """Move the lanes whose episodes go on, and begin new ones in the others. Returns the rewards (n,)."""
         simulation, draw = self._simulation, self._streams.draw
-        if not self._some_done:
+        if not np.count_nonzero(self._done):
             rewards = simulation.step(simulation.everyone, actions, draw)
             self._elapsed += 1
             return rewards
