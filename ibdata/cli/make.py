@@ -76,13 +76,13 @@ def init_command(file: Path) -> Printed:
     help="Make only part I of N, counted from 1. Several hosts that share DIR can make one part each; then "
     "`ibdata finalize` completes the dataset.",
 )
-@click.option("--resume", is_flag=True, help="Continue a run that was stopped, or start one.")
+@click.option("--resume", is_flag=True, hidden=True, expose_value=False)  # a run always goes on
 @click.option(
     "--overwrite",
     is_flag=True,
     help="Replace the dataset in DIR; it stays readable until the new one is complete.",
 )
-@click.option("--dry-run", is_flag=True, help="Estimate size and duration, and write nothing.")
+@click.option("--dry-run", is_flag=True, help="Tell the size and what would be done; write nothing.")
 @allow_code_option
 @progress_option
 @prints_result
@@ -111,7 +111,7 @@ def generate_command(
 
         if shards is not None:
             raise UsageError("--shards: found --dry-run too, but these cannot be combined")
-        for name in ("engine", "address", "progress"):
+        for name in ("engine", "address", "progress", "workers"):
             del settings[name]
         return estimate(config, out, **settings)
     from ibdata.generation.generate import generate

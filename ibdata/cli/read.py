@@ -24,8 +24,8 @@ MAX_ROWS = 1_000_000
 def ls_command(folder: Path) -> Result:
     """List the datasets in a folder and in the folders below it.
 
-    FOLDER is the current folder by default. By its manifest, a dataset is finished, unfinished (generate
-    --resume goes on) or damaged; ibdata validate checks all files.
+    FOLDER is the current folder by default. By its manifest, a dataset is finished, unfinished (the same
+    command goes on) or damaged; ibdata validate checks all files.
 
     \b
     ibdata ls

@@ -63,7 +63,7 @@ def _remedy(files: Storage) -> str:
     for folder in (files.path, Path("data", files.name)):
         if progress := Part(resolved(folder)).progress:
             shards = "{} of {} shards".format(*progress)
-            return f"; an unfinished run has {shards} here, and the same command with --resume goes on"
+            return f"; an unfinished run has {shards} here, and the same command goes on"
     folder = Path(files.name)
     name = folder.as_posix().removeprefix("data/")
     if name in shipped():

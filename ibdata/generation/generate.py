@@ -14,25 +14,22 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata.arguments import public
-from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import DatasetError, UsageError, notice
+from ibdata.errors import UsageError, notice
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.shipped import is_suite, shipped_name
 from ibdata.generation import upload
-from ibdata.generation.job import Job
-from ibdata.generation.process import process_for
-from ibdata.generation.publish import recover, remove_published
-from ibdata.generation.record import Record, observe
-from ibdata.generation.target import Action, Mode, Target, damage, decide, refuse_name
+from ibdata.generation.build import Build, refuse_damage, refuse_name, size_in
+from ibdata.generation.process import Process, process_for
+from ibdata.generation.record import observe
 from ibdata.generation.workers import Engine, select_engine
 from ibdata.numerics.naming import counted
-from ibdata.system.part import locked_part
+from ibdata.system.part import existing_paths, resolved
 from ibdata.system.progress import Progress
-from ibdata.system.storage import is_url, local, refuse_url, url_of
+from ibdata.system.storage import Remote, is_url, local, refuse_url, url_of
 from ibdata.writing.shard import is_whole
 
 MAX_PARTS = 100_000
@@ -47,7 +44,6 @@ def generate(
     workers: int | None = None,
     seed: int | None = None,
     overrides: Overrides = (),
-    resume: bool = False,
     overwrite: bool = False,
     progress: bool | None = False,
     allow_code: bool = False,
@@ -57,7 +53,7 @@ def generate(
     """Generate the dataset of an experiment, or of each experiment in a folder, and open it.
 
     The content depends on the experiment only, not on workers, shards or engine. A dataset of the same
-    experiment that is finished already is only opened.
+    experiment that is finished already is only opened. A run that was stopped goes on where it was.
 
     Args:
         config: A YAML file, the name of a shipped experiment, a mapping with the keys of such a file, an
@@ -71,12 +67,10 @@ def generate(
         seed: Replaces the experiment's seed.
         overrides: Replace single values of the experiment: texts `key.sub=value`, or a mapping such as
             {"episodes": 10, "output.shard_rows": 1000}.
-        resume: Continue a run that was stopped, or start one.
-        overwrite: Replace a dataset, which stays complete until the new one is. A run that was stopped is
-            continued if it is this experiment's, and discarded otherwise.
+        overwrite: Replace a dataset, which stays complete until the new one is.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
         allow_code: Allow custom policies, which run arbitrary Python code. Use only with code you trust. They
-            give the same bits only in the same environment, and a run resumes only with the same code.
+            give the same bits only in the same environment, and a run goes on only with the same code.
         engine: "local", or "ray" to run the shards on Ray.
         address: The address of Ray; by default Ray is started on this machine.
 
@@ -90,11 +84,11 @@ def generate(
         BusyError: Another process writes to the folder.
         IbdataError: The system refuses to write, or a worker fails.
     """
-    run, mode = select_engine(engine, workers, address), Mode.of(resume, overwrite)
+    run = select_engine(engine, workers, address)
     shard_range = None if shards is None else Range.parse(shards)
     experiments, folder = load_all(config, overrides, seed), is_folder(config)
     places = places_of(config, experiments, out)
-    elsewhere = resume or shard_range is not None or engine != "local"
+    elsewhere = shard_range is not None or engine != "local"
     for experiment in experiments:
         require_consent(DatasetSpec.of(experiment), experiment.name, allow_code, again=elsewhere)
     if shard_range is not None:
@@ -103,11 +97,11 @@ def generate(
             raise UsageError(f"--shards: found {problem} too, but these cannot be combined")
         return make_range(shard_range, experiments[0], places[0], run, Progress(progress))
     if not folder:
-        return _generate_one(experiments[0], places[0], run, mode, Progress(progress))
+        return _generate_one(experiments[0], places[0], run, overwrite, Progress(progress))
     for experiment, place in zip(experiments, places, strict=True):
-        Job(Target(place), DatasetSpec.of(experiment), mode).is_there()
+        Build(place, DatasetSpec.of(experiment), overwrite=overwrite).is_there()
     return {
-        Path(place).name: _generate_one(experiment, place, run, mode, Progress(progress))
+        Path(place).name: _generate_one(experiment, place, run, overwrite, Progress(progress))
         for experiment, place in zip(experiments, places, strict=True)
     }
 
@@ -140,24 +134,43 @@ def places_of(
 
 
 def _generate_one(
-    experiment: Experiment, place: Path | str, engine: Engine, mode: Mode, progress: Progress
+    experiment: Experiment, place: Path | str, engine: Engine, overwrite: bool, progress: Progress
 ) -> Dataset:
     spec = DatasetSpec.of(experiment)
     if isinstance(place, str):
-        work, remote = upload.places(place, experiment)
-        if decide(upload.look(remote, experiment, work, mode), mode) is not Action.OPEN:
+        remote, work = Remote(place), upload.work_folder(place, experiment)
+        if not upload.is_there(remote, spec, work, overwrite):
             upload.drop_damaged(work)
-            again = Mode.RESUME if mode is Mode.RESUME else Mode.OVERWRITE  # the folder is ibdata's own
-            Job(Target(work, Path(remote.name)), spec, again, progress).run(engine)
+            build = Build(work, spec, overwrite=True, name=Path(remote.name))  # the folder is ibdata's own
+            _make(build, engine, progress)
             upload.upload(remote, work)
         return Dataset(place)
-    job = Job(Target(place), spec, mode, progress)
-    if job.is_there():
-        remove_published(job.target)
+    build = Build(place, spec, overwrite=overwrite)
+    if build.is_there():
         notice(f"{place}: already there; nothing was written")
     else:
-        job.run(engine)
+        _make(build, engine, progress)
     return Dataset(place)
+
+
+def _make(build: Build, engine: Engine, progress: Progress) -> None:
+    """Make a dataset, and publish it."""
+    with process_for(build.spec) as process:
+        record = process.call(observe)  # a signal may end the process: nothing is written yet
+        with build.open(record):
+            _make_shards(build, build.spec.shards, process, engine, progress)
+            build.publish()
+
+
+def _make_shards(
+    build: Build, shards: list[Shard], process: Process, engine: Engine, progress: Progress
+) -> None:
+    """Make those of the shards that are missing."""
+    spec, missing = build.spec, build.missing(shards)
+    rows = spec.rows_in(shards)
+    with progress.bar(rows, rows - spec.rows_in(missing)):
+        for number in engine(process, missing, build.run, progress.reach):
+            progress.reach(number, spec.rows_in([spec.shards[number]]))
 
 
 class Range(NamedTuple):
@@ -226,14 +239,13 @@ def make_range(
         raise UsageError(f"{place}: found a URL with --shards, expected a folder that all hosts share")
     spec = DatasetSpec.of(experiment)
     shards, missing = shard_range.of(spec.shards), 0
-    job = Job(Target(place), spec, Mode.RESUME, progress)
-    if not job.is_there():
+    build = Build(place, spec)
+    if not build.is_there():
         with process_for(spec) as process:
-            job.record = process.call(observe)  # for up to a minute, while other hosts need the lock
-            with job.locked(shared=True):
-                if job.join() is not Action.OPEN:
-                    job.make(process, engine, shards)
-                    missing = len(spec.shards) - len(job.part.receipts)
+            record = process.call(observe)  # for up to a minute, while other hosts need the lock
+            with build.open(record, shared=True):
+                _make_shards(build, shards, process, engine, progress)
+                missing = len(build.missing())
     return PartMade(place, len(shards), spec.rows_in(shards), missing, str(shard_range))
 
 
@@ -252,19 +264,16 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
         BusyError: Parts are still being made.
     """
     refuse_url(folder)
-    place, target = Path(folder), Target(folder)
-    if Record.read(target.part.folder) is None:
-        if target.is_free:
-            raise UsageError(
-                f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
-            )
-        if problem := damage(manifest.read(target.path), target.size, place):
-            raise DatasetError(problem)
-        return Dataset(place)
-    with locked_part(target.path, place) as part:
-        recover(part)
-        job = Job.begun_in(part, target)
-        if job is not None:
-            target.refuse_taken()
-            job.finish(is_whole)
-    return Dataset(place)
+    place = Path(folder)
+    begun = Build.begun(place)
+    if begun is not None:
+        build, record = begun
+        with build.open(record):
+            build.publish(is_whole)
+    elif not existing_paths(resolved(place)):
+        raise UsageError(
+            f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
+        )
+    dataset = Dataset(place)
+    refuse_damage(dataset.stored.manifest, partial(size_in, place), place)
+    return dataset

@@ -89,7 +89,7 @@ class WorkerTask(NamedTuple):
     spec: dict[str, Any]  # as `DatasetSpec.plain` gives it
     weights: dict[str, bytes]
     places: Places  # where the code of custom policies is looked for; the first is the current folder
-    root: Path | None  # the part of the run, with whose record the worker is compared
+    root: Path | None  # the folder of the run, with whose record the worker is compared
 
     @classmethod
     def of(cls, spec: DatasetSpec, root: Path | None) -> WorkerTask:
@@ -128,7 +128,7 @@ class Failure(NamedTuple):
 
 
 class Worker:
-    """A process of its own, which is compared with the record of the run in a part if there is one."""
+    """A process of its own, which is compared with the record of the run in a folder if there is one."""
 
     def __init__(self, spec: DatasetSpec, root: Path | None = None) -> None:
         self.spec = spec
@@ -159,7 +159,7 @@ class Worker:
         except (EOFError, ConnectionError):
             raise IbdataError(
                 f"a worker process ended with code {self._process.wait()}, perhaps for lack of memory; run "
-                "again with --resume and fewer --workers"
+                "again with fewer --workers"
             ) from None
         if isinstance(answer, Failure):
             raise answer.error from RuntimeError(answer.traceback)
@@ -190,7 +190,7 @@ def _listen(pipe: Connection, received: SimpleQueue[Any]) -> None:
     try:
         while True:
             received.put(pipe.recv())
-    except (EOFError, OSError):
+    except Exception:  # also what cannot be unpickled, for which the parent would wait for ever
         os._exit(1)
 
 

@@ -90,7 +90,7 @@ def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
     except ray.exceptions.RayError as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise IbdataError(
-            f"{shard.stem}: Ray failed with {type(error).__name__}: {reason}; run again with --resume"
+            f"{shard.stem}: Ray failed with {type(error).__name__}: {reason}; the same command goes on"
         ) from None
 
 
@@ -102,7 +102,7 @@ def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}
 
 
-# Of this worker, by the part of a run and its experiments; its record was compared with that of the run.
+# Of this worker, by the folder of a run and its experiments; its record was compared with that of the run.
 _specs: dict[tuple[Path, str], DatasetSpec] = {}
 
 
@@ -111,7 +111,7 @@ def _work(task: WorkerTask, shard: Shard) -> None:
     root = cast(Path, task.root)
     if not os.path.isdir(root):
         raise IbdataError(
-            f"{root.parent}: not found on a host of Ray, expected a folder that all hosts share"
+            f"{root.parents[1]}: not found on a host of Ray, expected a folder that all hosts share"
         )
     processes.purpose = "worker"
     run = root, json.dumps(task.spec, sort_keys=True)

@@ -1,68 +1,88 @@
 """The record of a run: hashes of its policies' code, and of the bits that its machine computes.
 
-It is noted in the part before the first shard. Whoever makes a shard must have the same record: a process
-that resumes the run, a worker, a range of an array job.
+It is noted in the folder of the run before the first shard. Whoever makes a shard must have the same record:
+a process that goes on with the run, a worker, a range of an array job.
 """
 
 from __future__ import annotations
 
 import json
+from base64 import b64decode, b64encode
 from pathlib import Path
+from typing import Any
 
 from ibdata.dataset import manifest
-from ibdata.dataset.models import Code, Count, JsonObject, Sha256, parse
+from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, parse
 from ibdata.dataset.statistics import moments
 from ibdata.errors import UsageError, notice
-from ibdata.experiment import Experiment, as_yaml, self_check
-from ibdata.experiment.code import changed, names_of, record, user_objects, user_objects_in
+from ibdata.experiment import Experiment, self_check
+from ibdata.experiment.code import changed, live_objects, names_of, record, user_objects, user_objects_in
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import rollout
 from ibdata.experiment.scenario import other_dynamics
-from ibdata.policies.live import LIVE
 from ibdata.policies.user_object import refuse_shared
-from ibdata.system.files import plain_bytes, write, write_new
+from ibdata.system.files import read_sealed, sealed, write
 from ibdata.system.part import NOTE
 from ibdata.system.signals import check
 from ibdata.writing.metadata import as_json
 
-EXPERIMENT = "experiment.yaml"  # in a part
-MAX_BYTES = 2**20
 STEPS, SETPOINTS = 100, 32  # at most, that users' objects play before a run
 
 
 class Record(JsonObject):
-    """The record of a run; `manifest` is the checksum of the dataset once that is finished."""
+    """What a run makes, and with what: the experiments, the code of their policies, and a machine's bits.
+
+    A copy of other datasets has their content roots in place of a machine's bits. `manifest` is the checksum
+    of the dataset once that is finished.
+    """
 
     data_version: Count
-    known_answer: Sha256  # of the machine's self-check
+    spec: Unchecked  # as `DatasetSpec.plain` gives it
+    weights: dict[str, str]  # of its networks, in base64
     shards: Count
     code: list[Code]
+    reproducible: bool
+    known_answer: Sha256 | None = None  # of the machine's self-check
+    sources: list[Sha256] | None = None  # content roots
+    clipped: Count | None = None  # actions, where their number is not known from the rows
     manifest: Sha256 | None = None
 
     @classmethod
-    def read(cls, root: Path) -> Record | None:
-        """The record of the run in a part; None if there is none that can be read."""
+    def of(cls, spec: DatasetSpec, **more: Any) -> Record:
+        """The record of a run that makes the dataset of a specification."""
+        weights = {name: b64encode(data).decode() for name, data in spec.weights.items()}
+        version, shards = manifest.DATA_VERSION, len(spec.shards)
+        return cls(data_version=version, spec=spec.plain(), weights=weights, shards=shards, **more)
+
+    @classmethod
+    def read(cls, run: Path) -> Record | None:
+        """The record in the folder of a run; None if there is none that is as it was written."""
         try:
-            return parse(cls, json.loads(plain_bytes(root / NOTE, MAX_BYTES)))
-        except (OSError, ValueError):
+            return parse(cls, json.loads(read_sealed(run / NOTE)))
+        except (OSError, ValueError):  # another ibdata's, too
             return None
 
-    def write(self, root: Path) -> None:
-        """Note the record in a part."""
-        write(root, NOTE, as_json(self))
+    def write(self, run: Path) -> None:
+        """Note the record in the folder of a run."""
+        write(run, NOTE, sealed(as_json(self)))
 
-    def begin(self, root: Path, spec: DatasetSpec) -> None:
-        """Note experiment, weights and record of a run in its part, the record last."""
-        write_new(root, EXPERIMENT, as_yaml(spec.experiments[0]))
-        for name, data in spec.weights.items():
-            write_new(root, name, data)
-        self.write(root)
+    def dataset_spec(self) -> DatasetSpec:
+        """The specification of what the run makes."""
+        return DatasetSpec.from_plain(self.spec, {name: b64decode(x) for name, x in self.weights.items()})
 
-    @property
-    def reproducible(self) -> bool:
-        """Whether the run can be repeated, and the machine computes the same bits as all others."""
-        live = any(code.target.startswith(LIVE) for code in self.code)
-        return self_check.is_right(self.known_answer) and not live
+    def makes(self) -> list[Any]:
+        """What the run makes, whatever code makes it."""
+        return [self.data_version, self.spec, self.sources]
+
+    def difference(self, other: Record) -> str | None:
+        """How this run differs from another one, in words; None if each can go on with the other's shards."""
+        if self.makes() != other.makes():
+            return "of another experiment"
+        if names := changed(self.code, other.code):
+            return f"with other code, in {names_of(names)}"
+        if self.known_answer != other.known_answer:
+            return "of a machine that computes other bits"
+        return None
 
 
 def observe(spec: DatasetSpec) -> Record:
@@ -70,12 +90,9 @@ def observe(spec: DatasetSpec) -> Record:
 
     What a user should know about its policies is said on stderr.
     """
-    record = Record(
-        data_version=manifest.DATA_VERSION,
-        shards=len(spec.shards),
-        code=_code(spec),
-        known_answer=known_answer(),
-    )
+    code, answer = _code(spec), known_answer()
+    reproducible = self_check.is_right(answer) and not live_objects(spec)
+    record = Record.of(spec, code=code, reproducible=reproducible, known_answer=answer)
     if user_objects(spec):
         for experiment in spec.experiments:
             _play_user_objects(experiment)
@@ -101,27 +118,8 @@ def _code(spec: DatasetSpec) -> list[Code]:
     return record(policies)
 
 
-def difference(root: Path, experiment: Experiment, here: Record | None) -> str | None:
-    """How the run in a part differs from one of an experiment here, in words; None if it does not.
-
-    Without a record of this process, only the experiments are compared.
-    """
-    begun = Record.read(root)
-    if begun is None or begun.data_version != manifest.DATA_VERSION:
-        return "of another experiment"
-    if (root / EXPERIMENT).read_bytes() != as_yaml(experiment):
-        return "of another experiment"
-    if here is None:
-        return None
-    if names := changed(begun.code, here.code):
-        return f"with other code, in {names_of(names)}"
-    if begun.known_answer != here.known_answer:
-        return "of a machine that computes other bits"
-    return None
-
-
 def agree(spec: DatasetSpec, root: Path) -> None:
-    """Raise UsageError if the record of this worker is not that of the run in a part.
+    """Raise UsageError if the record of this worker is not that of the run in a folder.
 
     Without a note, as in `repair`, which compares the shards themselves, nothing is compared.
     """

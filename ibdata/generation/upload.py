@@ -13,26 +13,27 @@ from pathlib import Path
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.generation.target import At, Found, Mode, damage, is_of, refuse_name
+from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.generation.build import refuse_damage, refuse_name, refuse_other
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.files import is_litter
 from ibdata.system.signals import check, stoppable
 from ibdata.system.storage import Remote, Storage, reason
 
 
-def places(url: str, experiment: Experiment) -> tuple[Path, Remote]:
-    """The folder in which a dataset is made before it is uploaded, the same in each try, and the URL."""
-    remote = Remote(url)
-    identity = hashlib.sha256(remote.url.encode() + as_yaml(experiment)).hexdigest()[:24]
-    return Path(cache_folders().folders[-1], "uploads", identity, "dataset"), remote
+def work_folder(url: str, experiment: Experiment) -> Path:
+    """The folder in which a dataset is made before it is uploaded, the same in each try."""
+    identity = hashlib.sha256(Remote(url).url.encode() + as_yaml(experiment)).hexdigest()[:24]
+    return Path(cache_folders().folders[-1], "uploads", identity, "dataset")
 
 
-def look(remote: Remote, experiment: Experiment, work: Path, mode: Mode) -> Found:
-    """What is at a URL. With `--resume`, files of an upload that failed are nothing.
+def is_there(remote: Remote, spec: DatasetSpec, work: Path, overwrite: bool) -> bool:
+    """Whether a dataset is at a URL. Files of an upload that failed are nothing.
 
-    Raises UsageError if no dataset can appear there, and DatasetError if it cannot be read.
+    Raises UsageError if there is something else, or no dataset can appear there, and DatasetError if it is
+    damaged.
     """
-    refuse_overwrite(remote.name, mode)
+    refuse_overwrite(remote.name, overwrite)
     refuse_name(remote.parts, remote.name)
     if remote.folder is not None:
         manifest.refuse_inside(remote.folder)
@@ -40,30 +41,25 @@ def look(remote: Remote, experiment: Experiment, work: Path, mode: Mode) -> Foun
         sizes = remote.sizes()
     except OSError as error:
         raise DatasetError(f"{remote.name}: cannot be read: {reason(error)}") from None
-    found = Found(remote.name, At.FREE)
-    if manifest.PATH in sizes:
-        try:
-            listed = manifest.read(remote)
-        except DatasetError:
-            if mode is not Mode.RESUME:
-                raise
-        else:
-            if is_of(listed, experiment):
-                return found._replace(at=At.SAME, damage=damage(listed, sizes.get, remote.name))
-            why = "holds the dataset of another experiment; choose another --out"
-            return found._replace(at=At.OTHER, why=why)
-    if sizes and not (mode is Mode.RESUME and sizes.keys() <= _files(work)):
-        why = (
-            f"holds files, but no finished dataset, such as {min(sizes)}; --resume repeats an upload that "
-            "failed on this machine; otherwise remove them, or choose another --out"
-        )
-        return found._replace(at=At.FOREIGN, why=why)
-    return found
+    try:
+        listed = manifest.read(remote)
+    except DatasetError as error:
+        if sizes.keys() <= _files(work):
+            return False
+        if not isinstance(error, manifest.NoDatasetError):
+            raise
+        raise UsageError(
+            f"{remote.name}: holds files, but no finished dataset, such as {min(sizes)}; remove them, or "
+            "choose another --out"
+        ) from None
+    refuse_other(listed, spec, remote.name, "remove it")
+    refuse_damage(listed, sizes.get, remote.name)
+    return True
 
 
-def refuse_overwrite(url: str, mode: Mode) -> None:
+def refuse_overwrite(url: str, overwrite: bool) -> None:
     """Raise UsageError where a dataset at a URL is to be replaced."""
-    if mode is Mode.OVERWRITE:
+    if overwrite:
         raise UsageError(
             f"{hidden(url)}: --overwrite is for folders; remove what is there, or choose another --out"
         )
@@ -93,10 +89,10 @@ def upload(remote: Remote, work: Path) -> None:
                     remote.put(work / path, path)
                 check()
     except Interrupted as error:
-        error.left = "the dataset is not uploaded; --resume uploads it"
+        error.left = "the dataset is not uploaded; the same command uploads it"
         raise
     except OSError as error:
         raise IbdataError(
-            f"{remote.name}: cannot be written: {reason(error)}; --resume tries again"
+            f"{remote.name}: cannot be written: {reason(error)}; the same command tries again"
         ) from None
     shutil.rmtree(work.parent, ignore_errors=True)

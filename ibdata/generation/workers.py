@@ -31,8 +31,8 @@ ROWS_WORTH_PROCESSES = 20_000_000
 LOOK = 0.2  # seconds between looks for a signal
 
 Reach = Callable[[int, int], object]  # called with the number of a shard and its rows that are made so far
-# Makes shards in a part, and yields the number of each that is finished. The process has the code of the
-# dataset's custom policies.
+# Makes shards in the folder of a run, and yields the number of each that is finished. The process has the
+# code of the dataset's custom policies.
 Engine = Callable[[Process, list[Shard], Path, Reach], Iterator[int]]
 Maker = Callable[[Shard, Progress], None]
 
@@ -101,7 +101,7 @@ def run(
     Args:
         process: The process that has the code of the dataset's custom policies. It makes shards too.
         shards: The shards to make.
-        root: The part in which the dataset is made.
+        root: The folder of the run.
         workers: The number of processes; None chooses it by the work.
         reach: Called after each piece of a shard, perhaps in another thread.
 
@@ -170,7 +170,7 @@ def make_shard(
     Args:
         spec: What the shard belongs to.
         shard: The shard.
-        root: The part in which the dataset is made.
+        root: The folder of the run.
         overlap: Whether to encode and summarize a piece in threads while the next is simulated.
         stopped: Set by another thread to end the work early, or None.
         progress: Called after each piece.

@@ -11,12 +11,11 @@ from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import IbdataError, UsageError
-from ibdata.experiment import load
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.split_schemes import setpoints
-from ibdata.generation.record import EXPERIMENT, Record
+from ibdata.generation.record import Record
 from ibdata.numerics.naming import counted, exact, size
-from ibdata.system.part import Part
+from ibdata.system.part import RECEIPTS, Part, existing_paths
 from ibdata.system.storage import local
 
 COLUMNS = ("dataset", "rows", "bytes", "setpoints", "policies", "content", "state")
@@ -112,8 +111,8 @@ def _listed(root: Path) -> Iterator[Listed]:
         for name in below:
             if name.startswith(".") and name.endswith(".part"):
                 part = Part(Path(place, name[1:].removesuffix(".part")))
-                if Record.read(part.folder) is not None:
-                    yield _unfinished(part)
+                for run in part.runs:
+                    yield _unfinished(part.target, run)
         below[:] = [
             name for name in below if not name.startswith(".") and _is_new(root, Path(place, name), seen)
         ]
@@ -141,14 +140,13 @@ def _finished(path: Path) -> Listed:
         return Listed(path, "damaged", None, None, [], [], _size(path), None)
 
 
-def _unfinished(part: Part) -> Listed:
-    try:
-        spec = DatasetSpec.of(load(part.folder / EXPERIMENT))
-    except IbdataError:
-        return Listed(part.target, "unfinished, damaged", None, None, [], [], _size(part.folder), None)
-    done, shards = part.progress or (0, len(spec.shards))
-    state = f"unfinished, {done} of {counted(shards, 'shard')}"
-    return _of(part.target, spec, state, None, None, _size(part.folder))
+def _unfinished(target: Path, run: Path) -> Listed:
+    record = Record.read(run)
+    if record is None:
+        return Listed(target, "unfinished, damaged", None, None, [], [], _size(run), None)
+    done = len(existing_paths(run / RECEIPTS))
+    state = f"unfinished, {done} of {counted(record.shards, 'shard')}"
+    return _of(target, record.dataset_spec(), state, None, None, _size(run))
 
 
 def _of(path: Path, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int) -> Listed:

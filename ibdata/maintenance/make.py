@@ -16,9 +16,10 @@ from ibdata.dataset.selection import Selection
 from ibdata.environment import ID
 from ibdata.errors import DatasetError, UsageError, missing
 from ibdata.experiment import Experiment, load
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.shipped import full_name, shipped
+from ibdata.generation.build import is_of
 from ibdata.generation.generate import generate
-from ibdata.generation.target import is_of
 from ibdata.numerics.naming import exact
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.configs import canonical_file
@@ -144,7 +145,10 @@ def _kept(folder: Path, experiment: Experiment, root: str | None) -> Dataset | N
     """The dataset in the cache, if it is what it should be."""
     with suppress(DatasetError):
         dataset = Dataset(folder)
-        if is_of(dataset.stored.manifest, experiment) and root in (None, dataset.content_root):
+        if is_of(dataset.stored.manifest, DatasetSpec.of(experiment)) and root in (
+            None,
+            dataset.content_root,
+        ):
             return dataset
     return None
 

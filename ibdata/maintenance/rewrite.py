@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow as pa
 
 from ibdata.dataset import manifest
 from ibdata.dataset.reader import Dataset
-from ibdata.errors import BusyError, DatasetError, IbdataError, UsageError
+from ibdata.errors import BusyError, DatasetError, IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
-from ibdata.generation.publish import publish
-from ibdata.generation.target import Target
+from ibdata.generation.build import Build
+from ibdata.generation.record import Record
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved
 from ibdata.system.signals import check
 from ibdata.system.storage import refuse_url
 from ibdata.writing import metadata
 from ibdata.writing.columns import BATCH_ROWS, Piece, stored_pieces
-from ibdata.writing.finish import finish, refuse_other_plan
-from ibdata.writing.shard import DATASET, WrittenShard, shard_writer
+from ibdata.writing.finish import refuse_other_plan
+from ibdata.writing.shard import DATASET, WrittenShard, shard_writer, write_receipt
 
 
 class Source(NamedTuple):
@@ -45,38 +44,35 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     """Copy the episodes of each experiment of a spec from its source to a dataset in a new folder.
 
     Raises UsageError if the folder is not new, and DatasetError if the episodes are not those that the source
-    lists; nothing is left behind then.
+    lists.
     """
     refuse_url(out)
-    target = Target(out)
-    target.refuse_taken()
-    with locked_part(target.path, target.name) as part:
-        if part.receipts:
-            raise UsageError(f"{target.name}: holds an unfinished run of generate; choose another --out")
-        part.clear()
-        folder = part.folder / DATASET
-        folder.mkdir()
-        written = []
-        for shard in spec.shards:
-            written.append(_copied(spec, shard, sources[shard.experiment], folder))
+    build = Build(out, spec, new=True)
+    build.is_there()
+    manifests = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
+    record = Record.of(
+        spec,
+        code=[entry for one in manifests for entry in one.code],
+        reproducible=all(one.reproducible for one in manifests),
+        sources=[one.content_root for one in manifests],
+        clipped=sum(one.clipped_actions for one in manifests),
+    )
+    with build.open(record):
+        for shard in build.missing():
+            _copy(build, shard, sources[shard.experiment])
             check()
-        manifests = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
-        code = [entry for one in manifests for entry in one.code]
-        clipped = sum(one.clipped_actions for one in manifests)
-        finish(spec, written, folder, all(one.reproducible for one in manifests), code, clipped)
-        target.refuse_taken()  # somebody may have put files there meanwhile
-        publish(part)
-    return Dataset(target.name)
+        build.publish()
+    return Dataset(build.name)
 
 
-def _copied(spec: DatasetSpec, shard: Shard, source: Source, folder: Path) -> WrittenShard:
-    """Copy a shard's episodes from a source, and check that they are those that it lists."""
-    with shard_writer(spec, shard, folder) as writer:
-        for piece in _pieces(spec, shard, source):
+def _copy(build: Build, shard: Shard, source: Source) -> None:
+    """Copy a shard's episodes from a source, check that they are those that it lists, and write a receipt."""
+    with shard_writer(build.spec, shard, build.run / DATASET) as writer:
+        for piece in _pieces(build.spec, shard, source):
             writer.add(piece)
-        w = writer.finish()
-        _refuse_changed(w, source)
-    return w
+        written = writer.finish()
+        _refuse_changed(written, source)
+    write_receipt(build.run, written)
 
 
 def _pieces(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[Piece]:

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 BLOCK = 2**20
+SEAL_BYTES = 32  # of the SHA-256 at the end of a sealed file
+MOST_SEALED = 2**32  # bytes
 WAITING = 8  # files for which `sync_all` waits at a time
 
 
@@ -149,6 +151,20 @@ def plain_bytes(path: Path, most: int) -> bytes:
         if status.st_size > most:
             raise OSError(errno.EFBIG, f"larger than {most} bytes")
         return file.read()
+
+
+def sealed(data: bytes) -> bytes:
+    """Data with their hash behind them, for a file that `read_sealed` reads."""
+    return data + hashlib.sha256(data).digest()
+
+
+def read_sealed(path: Path) -> bytes:
+    """Read the data of a sealed file. Raises OSError if they are not what was written."""
+    content = plain_bytes(path, MOST_SEALED)
+    data = content[:-SEAL_BYTES]
+    if sealed(data) != content:
+        raise OSError(errno.EIO, "not what was written")
+    return data
 
 
 def is_litter(name: str) -> bool:

@@ -1,7 +1,8 @@
 """The part of an output: the hidden folder `.NAME.part` beside its place, in which it is made.
 
 A part belongs to the process that holds the lock in it. What was made in it appears at its place by one
-rename. It stays after a process that failed only if it has receipts, with which the next one can go on.
+rename. Each run that makes a dataset has a folder of its own in it, with a note, receipts and the dataset.
+The part stays after a process that failed only if a run has receipts, with which the next one can go on.
 """
 
 from __future__ import annotations
@@ -10,17 +11,18 @@ import ctypes
 import errno
 import json
 import os
-import time
+import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ibdata.errors import BusyError, IbdataError, UsageError, is_thread_limit
-from ibdata.system.files import part_of, paths_in, remove, sync_folder
+from ibdata.system.files import part_of, paths_in, read_sealed, remove, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
 LOCK, NOTE, RECEIPTS, OLD = "ibdata.lock", "run.json", "receipts", "old"
+RUN = re.compile("[0-9a-f]{16}")  # the name of a run's folder
 PATIENCE = (
     10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
 )
@@ -61,40 +63,32 @@ class Part:
         self.lock: Lock  # while this process holds the part
 
     @property
+    def runs(self) -> list[Path]:
+        """The folders of the runs in it; the one that was worked on last stands last."""
+        runs = [path for path in existing_paths(self.folder) if RUN.fullmatch(path.name)]
+        return sorted(runs, key=_last_change)
+
+    @property
     def receipts(self) -> list[Path]:
-        """The receipts of what is finished in it, in order."""
-        try:
-            return paths_in(self.folder / RECEIPTS)
-        except (FileNotFoundError, NotADirectoryError):
-            return []
+        """The receipts of what is finished in it."""
+        return [receipt for run in self.runs for receipt in existing_paths(run / RECEIPTS)]
 
     @property
     def progress(self) -> tuple[int, int] | None:
-        """How many shards of a run are finished in it, and how many the run has; None if there is no run."""
-        try:
-            note = json.loads((self.folder / NOTE).read_bytes())
-            return len(self.receipts), int(note["shards"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
+        """How many shards of the last run are finished, and how many it has; None if there is no run."""
+        for run in reversed(self.runs):
+            with suppress(OSError):
+                note = json.loads(read_sealed(run / NOTE))
+                return len(existing_paths(run / RECEIPTS)), note["shards"]
+        return None
 
     @property
     def is_own(self) -> bool:
         """Whether its place is free or empty, or has ibdata's lock, which is removed after all else."""
-        try:
-            names = [path.name for path in paths_in(self.folder)]
-        except FileNotFoundError:
-            names = []
-        except NotADirectoryError:
+        if self.folder.is_symlink() or self.folder.is_file():
             return False
-        return not self.folder.is_symlink() and (not names or LOCK in names)
-
-    def share(self) -> None:
-        """Let other hosts hold the part too. Raises BusyError if one of them keeps it for itself."""
-        until = time.monotonic() + PATIENCE
-        while not self.lock.share():
-            if time.monotonic() >= until:
-                raise BusyError(f"{self.target}: another process is writing here; wait for it")
-            time.sleep(0.02)
+        names = [path.name for path in existing_paths(self.folder)]
+        return not names or LOCK in names
 
     def place(self, dataset: Path) -> None:
         """Give what was made in the part its name. Whatever had the name is in the part afterwards.
@@ -109,8 +103,8 @@ class Part:
         sync_folder(self.target.parent)
 
     def clear(self) -> None:
-        """Remove all that is in it but the lock: the receipts first, so that nobody goes on with the rest."""
-        for path in sorted(self.folder.iterdir(), key=lambda path: (path.name != RECEIPTS, path.is_file())):
+        """Remove all that is in it but the lock."""
+        for path in self.folder.iterdir():
             if path.name != LOCK:
                 remove(path)
 
@@ -120,6 +114,20 @@ class Part:
         (self.folder / LOCK).unlink(missing_ok=True)
         with suppress(OSError):  # another process has begun
             self.folder.rmdir()
+
+
+def existing_paths(folder: Path) -> list[Path]:
+    """The files and folders in a folder, in order; none if there is no such folder."""
+    try:
+        return paths_in(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+
+
+def _last_change(run: Path) -> int:
+    with suppress(OSError):
+        return (run / RECEIPTS).stat().st_mtime_ns
+    return 0
 
 
 def resolved(out: str | os.PathLike[str]) -> Path:
@@ -142,7 +150,7 @@ def locked_part(
     Args:
         target: The place of the output, without links.
         place: Its name in messages; by default its path.
-        shared: Whether other hosts may hold the part too. The first one is alone until it calls `share`.
+        shared: Whether other hosts may hold the part too.
         patience: How many seconds to wait while another process holds the part.
 
     Raises:
@@ -165,15 +173,12 @@ def _lock(stack: ExitStack, part: Part, name: Path, shared: bool, patience: floa
         raise UsageError(f"{part.folder}: found what ibdata did not make, expected nothing; move it away")
     path = part.folder / LOCK
     try:
-        return stack.enter_context(locked(path, patience, place=name))
-    except BusyError:
-        if not shared:
-            raise
-    except BaseException:
-        with suppress(OSError):  # its folder is there already, or cannot be made
-            part.folder.rmdir()
+        return stack.enter_context(locked(path, max(patience, shared * PATIENCE), shared=shared, place=name))
+    except BaseException as error:
+        if not isinstance(error, BusyError):
+            with suppress(OSError):  # its folder is there already, or cannot be made
+                part.folder.rmdir()
         raise
-    return stack.enter_context(locked(path, PATIENCE, shared=True, place=name))
 
 
 @contextmanager

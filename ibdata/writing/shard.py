@@ -7,6 +7,7 @@ holds the entry of the shard's file and the summary: arrays, one after the other
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import secrets
 from collections import deque
@@ -28,12 +29,12 @@ from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import Table
-from ibdata.system.files import FileEntry, HashingFile, file_sha256, new_file
+from ibdata.system.files import FileEntry, HashingFile, file_sha256, new_file, read_sealed, sealed, write_new
 from ibdata.system.part import RECEIPTS
 from ibdata.system.signals import held
 from ibdata.writing.columns import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
 
-DATASET = "dataset"  # the folder of a part that holds the dataset
+DATASET = "dataset"  # the folder of a run that holds the dataset
 WAITING = 2  # pieces that may be in progress
 MOST = 8  # numbers of shards in a message
 
@@ -214,7 +215,7 @@ def parquet_writer(experiment: Experiment, file: HashingFile) -> pq.ParquetWrite
 
 
 def write_receipt(root: Path, written: WrittenShard) -> None:
-    """Write the receipt of a shard, whose file is on the disk, in a part."""
+    """Write the receipt of a shard, whose file is on the disk, in the folder of a run."""
     summary = written.content
     known = {"file": list(written.entry), "rows": summary.moments.rows, "clipped": summary.clipped}
     arrays: list[npt.NDArray[Any]] = [
@@ -224,26 +225,27 @@ def write_receipt(root: Path, written: WrittenShard) -> None:
         *summary.moments[1:],
         summary.sample,
     ]
+    buffer = io.BytesIO()
+    for array in arrays:
+        np.save(buffer, array)
     path = _receipt_path(root, written.shard)
     path.parent.mkdir(exist_ok=True)
     temporary = root / f".tmp-{secrets.token_hex(6)}-{path.name}"  # hosts may have equal process ids
-    with new_file(temporary) as file:
-        for array in arrays:
-            np.save(file, array)
+    write_new(root, temporary.name, sealed(buffer.getvalue()))
     temporary.replace(path)
 
 
 def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
-    """Read the receipt of a shard in a part; None if there is none, or if it is damaged."""
+    """Read the receipt of a shard in the folder of a run; None if there is none that is as it was written."""
     try:
-        with _receipt_path(root, shard).open("rb") as file:
-            header, digests, returns, mean, squares, low, high, sample = (np.load(file) for _ in range(8))
-        known = json.loads(header.tobytes())
-        moments = Moments(known["rows"], mean, squares, low, high)
-        summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
-        return WrittenShard(shard, FileEntry(*known["file"]), summary)
-    except (OSError, ValueError, EOFError, KeyError, TypeError):
+        file = io.BytesIO(read_sealed(_receipt_path(root, shard)))
+    except OSError:
         return None
+    header, digests, returns, mean, squares, low, high, sample = (np.load(file) for _ in range(8))
+    known = json.loads(header.tobytes())
+    moments = Moments(known["rows"], mean, squares, low, high)
+    summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
+    return WrittenShard(shard, FileEntry(*known["file"]), summary)
 
 
 def _receipt_path(root: Path, shard: Shard) -> Path:
@@ -268,7 +270,7 @@ def all_written(
     remedy: str,
     is_right: Callable[[Path, WrittenShard], bool] = has_size,
 ) -> list[WrittenShard]:
-    """All these shards, from their receipts in a part.
+    """All these shards, from their receipts in the folder of a run.
 
     Raises IbdataError if the receipt of one cannot be read, or does not fit its file.
     """

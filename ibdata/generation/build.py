@@ -1,0 +1,344 @@
+"""A dataset comes to be in one way: in the hidden part beside its place, from which it is published.
+
+Each run has a folder of its own in the part, named by what it makes. The same command goes on with it; what
+another experiment or other code has begun stays beside it until a dataset is published here. A dataset is
+published by one rename; where one is replaced, the two change places in one system call.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from itertools import count
+from pathlib import Path
+
+from ibdata.dataset import manifest
+from ibdata.dataset.models import Manifest
+from ibdata.errors import BusyError, DatasetError, IbdataError, Interrupted, UsageError, notice
+from ibdata.experiment import as_yaml
+from ibdata.experiment.code import changed_here, live_objects, names_of
+from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.plan import Shard
+from ibdata.generation.record import Record
+from ibdata.numerics.naming import counted
+from ibdata.policies.live import without_runs
+from ibdata.system.files import keep_access, part_of, paths_in, remove, sync_all
+from ibdata.system.part import OLD, RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
+from ibdata.system.signals import held, ignore
+from ibdata.writing.edited import EDITABLE, is_users, keep_all
+from ibdata.writing.finish import finish
+from ibdata.writing.shard import DATASET, WrittenShard, all_written, has_size, is_whole, read_receipt
+
+
+class Build:
+    """The making of a dataset at a place.
+
+    Attributes:
+        spec: What is made.
+        name: The place in messages.
+        run: The folder of the run in the part, while that is open and something is missing.
+    """
+
+    def __init__(
+        self,
+        place: str | os.PathLike[str],
+        spec: DatasetSpec,
+        *,
+        overwrite: bool = False,
+        new: bool = False,
+        name: Path | None = None,
+    ) -> None:
+        """Plan a dataset, with which `overwrite` replaces another one, and `new` refuses every other one."""
+        self.spec, self.name = spec, name or Path(place)
+        self.run = Path()
+        self._is_made = False
+        self._path, self._overwrite, self._new = resolved(place), overwrite, new
+        self._part = Part(self._path)
+        self._record: Record
+
+    @classmethod
+    def begun(cls, place: str | os.PathLike[str]) -> tuple[Build, Record] | None:
+        """The run at a place that was worked on last, and its record; None if there is none."""
+        for run in reversed(Part(resolved(place)).runs):
+            if record := Record.read(run):
+                return cls(place, record.dataset_spec()), record
+        return None
+
+    def is_there(self) -> bool:
+        """Whether the dataset is there, so that nothing is to be made.
+
+        Raises:
+            UsageError: No dataset can appear here, or there is something else, or it was made by other code.
+            DatasetError: The dataset is damaged.
+        """
+        if not self._is_there():
+            return False
+        if self._part.folder.exists():  # perhaps of a run that was killed after it had published
+            with suppress(IbdataError), locked_part(self._path) as self._part:
+                self._recover()
+        return True
+
+    def _is_there(self) -> bool:
+        with refusals(self.name):
+            _refuse_place(self._path, self.name)
+            if not existing_paths(self._path):
+                return False
+            if self._new:
+                raise UsageError(f"{self.name}: exists already; choose another --out")
+            try:
+                listed = manifest.read(self._path)
+            except DatasetError as error:
+                why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
+                raise UsageError(
+                    f"{self.name}: not a dataset of ibdata, left as it is{why}; move it away, or choose "
+                    "another --out"
+                ) from None
+            if self._overwrite:
+                _refuse_files(self._path, listed)
+                return False
+            refuse_other(listed, self.spec, self.name, "--overwrite to replace it")
+            refuse_damage(listed, partial(size_in, self._path), self.name)
+            if names := changed_here(self.spec, listed.code):
+                raise UsageError(
+                    f"{self.name}: holds the dataset of this experiment with other code, in "
+                    f"{names_of(names)}; --overwrite to make it again"
+                )
+            return True
+
+    def finished_shards(self) -> int:
+        """How many shards the part has of this dataset, whatever code made them."""
+        mine = Record.of(self.spec, code=[], reproducible=False)
+        runs = [
+            run for run in self._part.runs if (begun := Record.read(run)) and begun.makes() == mine.makes()
+        ]
+        return max((len(existing_paths(run / RECEIPTS)) for run in runs), default=0)
+
+    @contextmanager
+    def open(self, record: Record, shared: bool = False) -> Iterator[None]:
+        """Hold the part, perhaps with other hosts; begin the run of a record in it, or go on with it.
+
+        Raises what `is_there` raises, and:
+            BusyError: Another process holds the part.
+            UsageError: The part is shared, and others make this dataset with other code or other bits.
+        """
+        self._record = record
+        with locked_part(self._path, self.name, shared=shared) as self._part:
+            try:
+                if not shared or self._is_publishing():
+                    self._recover_alone(shared)
+                self._is_made = self._is_there()
+                if not self._is_made:
+                    self.run = self._begun(shared)
+                yield
+            except Interrupted as error:
+                if done := len(self._part.receipts):
+                    error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; "
+                    error.left += "the same command goes on"
+                    if live_objects(self.spec):
+                        error.left = "with an object of this session as a policy, a run begins again"
+                raise
+
+    def _is_publishing(self) -> bool:
+        records = map(Record.read, self._part.runs)
+        return any(record is not None and record.manifest is not None for record in records)
+
+    def _recover_alone(self, shared: bool) -> None:
+        if not shared or self._part.lock.take_alone():
+            self._recover()
+        if shared and not self._part.lock.share():
+            raise BusyError(f"{self.name}: another process is writing here; wait for it")
+        if not shared and not self._part.receipts:
+            self._part.clear()  # what hosts have begun and not used
+
+    def _recover(self) -> None:
+        """Finish what a killed run was publishing, and remove what it has published."""
+        part = self._part
+        for run in part.runs:
+            record = Record.read(run)
+            if record is None or record.manifest is None:
+                continue
+            if not self._path.exists() and _checksum(run / DATASET) == record.manifest:
+                with held():
+                    part.place(run / DATASET)
+            if _checksum(self._path) == record.manifest:
+                part.clear()
+                return
+        if (part.folder / OLD).exists() and not self._path.exists():
+            (part.folder / OLD).rename(self._path)
+
+    def _begun(self, shared: bool) -> Path:
+        """The folder of this run, which is begun if there is none with which it can go on."""
+        others = []
+        for run in self._part.runs:
+            begun, receipts = Record.read(run), existing_paths(run / RECEIPTS)
+            difference = begun and begun.difference(self._record)
+            if begun and difference and receipts:
+                if shared and begun.makes() == self._record.makes():
+                    raise UsageError(
+                        f"{self.name}: holds an unfinished run {difference}; run without --shards to make "
+                        "the dataset with what is here, or choose another --out"
+                    )
+                done = counted(len(receipts), "finished shard")
+                others.append(f"{self.name}: an unfinished run {difference} stays in {run}, with {done}")
+        names = (self._folder_name(number) for number in count())
+        run = next(self._part.folder / name for name in names if self._is_own(self._part.folder / name))
+        for other in others:
+            notice(f"{other}, until a dataset is published here")
+        return run
+
+    def _folder_name(self, number: int) -> str:
+        content = json.dumps([number, *self._record.makes()], sort_keys=True)
+        return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+    def _is_own(self, run: Path) -> bool:
+        """Whether a folder is that of this run; it is begun where nothing is.
+
+        It is filled under another name. So of hosts that begin at the same moment one gives it its name, and
+        the others find it.
+        """
+        if not run.exists():
+            new = self._part.folder / f"tmp-{secrets.token_hex(8)}"
+            for folder in (new, new / DATASET, new / RECEIPTS):
+                folder.mkdir()
+            self._record.write(new)
+            try:
+                new.rename(run)
+            except OSError:
+                remove(new)
+                if not run.exists():
+                    raise
+        begun = Record.read(run)
+        return begun is not None and begun.difference(self._record) is None
+
+    def missing(self, shards: Sequence[Shard] | None = None) -> list[Shard]:
+        """The shards, of all or of these, without a receipt, or whose files are not as their receipts say."""
+        if self._is_made:
+            return []
+        shards = self.spec.shards if shards is None else shards
+        receipts = (read_receipt(self.run, shard) for shard in shards)
+        whole = {written.shard for written in receipts if written is not None and is_whole(self.run, written)}
+        return [shard for shard in shards if shard not in whole]
+
+    def publish(self, is_right: Callable[[Path, WrittenShard], bool] = has_size) -> None:
+        """Write the metadata, and give the dataset its name, in place of what is there.
+
+        The note of the run first gets the checksum of the manifest. So whoever holds the part next can tell
+        whether this was done, and does it where it was not.
+
+        Raises IbdataError if a shard has no receipt that fits its file.
+        """
+        if self._is_made:
+            return
+        folder, record = self.run / DATASET, self._record
+        remedy = "run the same command again, or make them with --shards"
+        written = all_written(self.run, self.spec.shards, self.name, remedy, is_right)
+        paths = {shard.entry.path for shard in written}
+        for file in (folder / "data").iterdir():
+            if f"data/{file.name}" not in paths:  # of a shard that was made twice
+                file.unlink()
+        finish(self.spec, written, folder, record.reproducible, record.code, record.clipped)
+        self._is_there()  # somebody may have put files there meanwhile
+        if self._path.is_dir():
+            _keep(self._path, folder)
+        sync_all(folder)
+        record.model_copy(update={"manifest": _checksum(folder)}).write(self.run)
+        ignore()  # a run that has published is finished, and not stopped
+        self._part.place(folder)
+        self._part.clear()
+
+
+def _refuse_place(path: Path, name: Path) -> None:
+    """Raise UsageError if no dataset can appear at a place by a rename."""
+    manifest.refuse_inside(path)
+    refuse_name(name.parts, name)
+    here = Path.cwd()
+    if path == here or path in here.parents:
+        raise UsageError(f"{name}: is the current folder or around it; choose another --out")
+    if os.path.ismount(path):
+        raise UsageError(f"{name}: is a mount point, which cannot be replaced; choose a folder in it")
+    there = next(each for each in (path, *path.parents) if os.path.lexists(each))
+    if not there.is_dir():
+        where = "is" if there == path else "lies in"
+        raise UsageError(f"{name}: {where} a file, not a folder; choose another --out")
+
+
+def refuse_name(parts: Sequence[str], place: str | os.PathLike[str]) -> None:
+    """Raise UsageError for a place whose name readers take for a column, or for a single Parquet file."""
+    manifest.refuse_partition(parts, place)
+    if parts and parts[-1].lower().endswith(".parquet"):
+        raise UsageError(
+            f"{place}: found the ending .parquet, but a dataset is a folder; leave .parquet out (read its "
+            "files at data/*.parquet)"
+        )
+
+
+def is_of(listed: Manifest, spec: DatasetSpec) -> bool:
+    """Whether a manifest is that of a dataset of one experiment. A merged dataset is made by none."""
+    entry = listed.entries().get(manifest.EXPERIMENT)
+    return entry is not None and entry.sha256 == hashlib.sha256(as_yaml(spec.experiments[0])).hexdigest()
+
+
+def refuse_other(listed: Manifest, spec: DatasetSpec, name: Path | str, remedy: str) -> None:
+    """Raise UsageError if a manifest is that of another dataset."""
+    if is_of(listed, spec):
+        return
+    what = "of another experiment"
+    if without_runs(listed.experiments) == without_runs(spec.plain()["experiments"]):
+        what = "of another object of this Python session, or of the same before it changed"
+    raise UsageError(f"{name}: holds the dataset {what}; {remedy}, or choose another --out")
+
+
+def size_in(folder: Path, path: str) -> int | None:
+    """The bytes of a file in a folder; None if there is no such file."""
+    file = folder / path
+    return file.stat().st_size if file.is_file() else None
+
+
+def refuse_damage(listed: Manifest, size_of: Callable[[str], int | None], name: Path | str) -> None:
+    """Raise DatasetError for the first file that a manifest lists and that is missing or has another size."""
+    for path, entry in listed.entries().items():
+        if size_of(path) != entry.bytes:
+            raise DatasetError(
+                f"{name}/{path}: missing or not whole, but the dataset is finished; ibdata repair makes the "
+                "file again, --overwrite the dataset"
+            )
+
+
+def _refuse_files(folder: Path, listed: Manifest) -> None:
+    """Raise UsageError if more than a dataset is in its folder, or if a folder may not be replaced."""
+    for path in foreign_files(folder, listed):
+        what = "folder" if path.is_dir() else "file"
+        raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
+    for parent in (folder.parent, folder, folder / "data", folder / "meta"):
+        if not os.access(parent, os.W_OK | os.X_OK):
+            raise UsageError(f"{parent}: cannot be written, expected a folder that --overwrite may replace")
+
+
+def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
+    """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
+    known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *EDITABLE}
+    known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
+    for path in paths_in(folder):
+        if path.name in ("data", "meta") and path.is_dir():
+            yield from (inner for inner in paths_in(path) if f"{path.name}/{inner.name}" not in known)
+        elif path.name not in known and not is_users(path.name):
+            yield path
+
+
+def _checksum(folder: Path) -> str | None:
+    try:
+        return manifest.read(folder).checksum
+    except DatasetError:
+        return None
+
+
+def _keep(old: Path, new: Path) -> None:
+    """Keep the mode and the group of a folder that is replaced, and what somebody has edited in it."""
+    for path in [new, *new.rglob("*")]:
+        keep_access(old / path.relative_to(new) if path.is_dir() else old / manifest.PATH, path)
+    keep_all(old, new)
