@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-import math
+import io
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
 from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-from pydantic import ValidationError
+import pyarrow.parquet as pq
 
 from ibdata.dataset import manifest, parquet
-from ibdata.dataset.models import JsonObject, Statistic, Statistics
 from ibdata.dataset.statistics import Moments
-from ibdata.dataset.stored import EPISODES, INFO, STATISTICS, Stored
+from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column, columns
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
-from ibdata.experiment.yaml import Document, StrictYamlError
+from ibdata.experiment.yaml import Document
 from ibdata.system.progress import Advance, unseen
-from ibdata.system.storage import storage
+from ibdata.system.storage import reason, storage
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.writing import metadata
 from ibdata.writing.columns import Piece, stored_pieces
 from ibdata.writing.croissant import croissant
-from ibdata.writing.finish import experiment_files, first_difference
+from ibdata.writing.finish import NEED_CONTENT, first_difference, metadata_files, metadata_paths
 from ibdata.writing.shard import ShardSummarizer, ShardSummary, WrittenShard
 
 PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes
@@ -164,32 +162,44 @@ def metadata_problems(
     written: list[WrittenShard],
     is_whole: Callable[[str], bool],
 ) -> Iterator[Problem]:
-    """Check the metadata.
+    """Compare the files in `meta` with those that follow from the experiments and the rows.
 
     Args:
         stored: The dataset.
         spec: The experiments and splits of the dataset.
-        written: The shards whose rows keep every rule.
+        written: The shards whose rows keep every rule. What follows from rows is compared if these are all.
         is_whole: Whether the file of a path has the SHA-256 that the manifest lists; others are passed over.
     """
-    checks: dict[str, Callable[[], Iterator[Problem]]] = {
-        INFO: partial(_info, stored, spec),
-        **{
-            path: partial(_experiment, stored, path, experiment)
-            for path, experiment in experiment_files(spec).items()
-        },
-        EPISODES: partial(_episodes, stored, spec, written),
-    }
-    if manifest.CROISSANT in stored.manifest.entries():
-        checks[manifest.CROISSANT] = partial(_croissant, stored, spec)
-    if len(written) == len(spec.shards):
-        checks[STATISTICS] = partial(_statistics, stored, metadata.statistics(spec, written))
-    for path, check in checks.items():
+    listed, are_all = stored.manifest, len(written) == len(spec.shards)
+    entries = listed.entries()
+    paths = {path for path in metadata_paths(spec) if path in entries and is_whole(path)}
+    expected = dict(metadata_files(paths - set(() if are_all else NEED_CONTENT), spec, written))
+    if manifest.CROISSANT in paths:
+        shards = metadata.unread_shards(spec, listed)
+        description = croissant(spec, shards, entries.values(), listed.content_root)
+        expected[manifest.CROISSANT] = metadata.as_json(description)
+    for path, data in expected.items():
         try:
-            if is_whole(path):
-                yield from check()
+            message = first_difference(_facts(path, stored.read(path)), _facts(path, data))
         except DatasetError as error:
             yield Problem.of(error, path, stored.storage.where(path), "metadata")
+        except (ValueError, pa.ArrowException) as error:
+            yield Problem(path, None, "metadata", f"found other content than ibdata writes ({reason(error)})")
+        else:
+            if message:
+                yield Problem(path, None, "metadata", message)
+
+
+def _facts(path: str, data: bytes) -> Any:
+    """What programs read in a file of `meta`. The prose of a description may be said in other words."""
+    if path.endswith(".parquet"):
+        table = pq.read_table(io.BytesIO(data))
+        return {name: table[name].to_pylist() for name in table.column_names}
+    if path.endswith(".yaml"):
+        return Experiment.model_validate(Document(data).data).plain()
+    if path == manifest.CROISSANT:
+        return {"distribution": dict(manifest.loads(data)).get("distribution")}
+    return manifest.loads(data)
 
 
 def splits_problems(stored: Stored) -> Iterator[Problem]:
@@ -200,132 +210,6 @@ def splits_problems(stored: Stored) -> Iterator[Problem]:
     except DatasetError as error:
         yield Problem.of(error, manifest.SPLITS, stored.storage.where(manifest.SPLITS), "splits")
         return
-    stored_plain = {name: entry.plain() for name, entry in entries.items()}
-    expected_plain = {name: entry.plain() for name, entry in expected.items()}
-    if message := first_difference(stored_plain, expected_plain):
+    plain, expected_plain = ({name: entry.plain() for name, entry in x.items()} for x in (entries, expected))
+    if message := first_difference(plain, expected_plain):
         yield Problem(manifest.SPLITS, None, "splits", message)
-
-
-def _info(stored: Stored, spec: DatasetSpec) -> Iterator[Problem]:
-    stored_facts = _facts(stored.info)
-    expected = _facts(metadata.info(spec))
-    for rule in expected:
-        if message := first_difference(stored_facts[rule], expected[rule]):
-            yield Problem(INFO, None, rule, message)
-
-
-def _croissant(stored: Stored, spec: DatasetSpec) -> Iterator[Problem]:
-    """Compare the files and their hashes. What else the description says may be said in other words."""
-    data = stored.read(manifest.CROISSANT)
-    try:
-        stored_files = dict(manifest.loads(data))["distribution"]
-    except (ValueError, TypeError, KeyError):
-        stored_files = None
-    listed = stored.manifest
-    shards, entries = metadata.unread_shards(spec, listed), listed.entries().values()
-    expected = croissant(spec, shards, entries, listed.content_root)["distribution"]
-    if message := first_difference(stored_files, expected, "distribution"):
-        yield Problem(manifest.CROISSANT, None, "files", message)
-
-
-def _facts(info: JsonObject) -> dict[str, Any]:
-    """What programs read. The meaning of a column may be said in other words."""
-    facts = info.plain()
-    for column in facts["columns"]:
-        del column["description"]
-    return facts
-
-
-def _experiment(stored: Stored, path: str, expected: Experiment) -> Iterator[Problem]:
-    try:
-        document = Document(stored.read(path))
-        same = Experiment.model_validate(document.data) == expected
-    except (StrictYamlError, ValidationError):
-        same = False
-    if not same:
-        yield Problem(path, None, "experiment", "found another experiment than the manifest lists")
-
-
-def _episodes(stored: Stored, spec: DatasetSpec, written: list[WrittenShard]) -> Iterator[Problem]:
-    """Compare the rows of the episodes of these shards, column by column."""
-    table = stored.episodes
-    if not written:
-        return
-    expected = metadata.episodes_table(spec, written)
-    numbers = expected["episode"].to_numpy()
-    stored_rows = table.take(numbers)
-    for name in expected.column_names:
-        stored_column = _plain(stored_rows[name])
-        expected_column = _plain(expected[name])
-        if wrong := _differing(stored_column, expected_column):
-            first = wrong[0]
-            rule = name if name in ("digest", "return") else "episodes"
-            message = (
-                f"{name}: found {_shown(stored_column[first])}, expected {_shown(expected_column[first])}"
-            )
-            count = f" ({len(wrong)} such rows)" if len(wrong) > 1 else ""
-            yield Problem(EPISODES, int(numbers[first]), rule, message + count)
-
-
-def _plain(column: pa.ChunkedArray) -> pa.Array:
-    """A column as one array, with its texts instead of dictionary numbers."""
-    texts = pa.types.is_dictionary(column.type)
-    return (column.cast(pa.string()) if texts else column).combine_chunks()
-
-
-def _differing(column: pa.Array, expected: pa.Array) -> list[int]:
-    """The rows in which two columns differ, but for rounding."""
-    if pa.types.is_floating(column.type):
-        return np.flatnonzero(~np.isclose(column, expected, rtol=1e-9, atol=1e-9)).tolist()
-    if column.equals(expected):
-        return []
-    pairs = zip(column.to_pylist(), expected.to_pylist(), strict=True)
-    return [i for i, (x, y) in enumerate(pairs) if x != y]
-
-
-def _shown(value: pa.Scalar) -> str:
-    plain = value.as_py()
-    return f"{plain.hex()[:12]}…" if isinstance(plain, bytes) else f"{plain}"
-
-
-def _statistics(stored: Stored, expected: Statistics) -> Iterator[Problem]:
-    statistics = stored.statistics
-    if message := first_difference(_names(statistics), _names(expected)):
-        yield Problem(STATISTICS, None, "statistics", message)
-        return
-    pairs = [("", statistics.all, expected.all)]
-    pairs += [
-        (f"split {name}: ", statistics.splits[name], columns) for name, columns in expected.splits.items()
-    ]
-    for where, stored_columns, expected_columns in pairs:
-        for name in expected_columns:
-            for message in _numbers(stored_columns[name], expected_columns[name]):
-                yield Problem(STATISTICS, None, "statistics", f"{where}{name}: {message}")
-
-
-def _names(statistics: Statistics) -> dict[str, Any]:
-    """The names of the columns, of all rows and of each split."""
-    of_splits = {split: sorted(columns) for split, columns in statistics.splits.items()}
-    return {"all": sorted(statistics.all), "splits": of_splits}
-
-
-def _numbers(statistic: Statistic, expected: Statistic) -> Iterator[str]:
-    """Compare the statistics of a column, but for rounding; versions of numpy choose other quantiles."""
-    spread = (expected.max or 0.0) - (expected.min or 0.0)
-    numbers = _by_name(statistic)
-    for name, number in _by_name(expected).items():
-        tolerance = 0.01 * spread if name in expected.quantiles else 1e-9
-        if not _near(numbers[name], number, tolerance):
-            yield f"{name}: found {numbers[name]}, expected {number}"
-
-
-def _by_name(statistic: Statistic) -> dict[str, float | None]:
-    plain = statistic.plain()
-    quantiles: dict[str, float | None] = plain.pop("quantiles")
-    return {**plain, **quantiles}
-
-
-def _near(x: float | None, y: float | None, tolerance: float) -> bool:
-    if x is None or y is None:
-        return x is y
-    return math.isclose(x, y, rel_tol=1e-9, abs_tol=tolerance)

@@ -87,12 +87,12 @@ def test_many_broken_rows_are_one_problem_that_counts_them(copied, shard, change
 def test_rows_that_keep_every_rule_but_are_others_are_named(copied, shard, change):
     """Nothing is said of a hidden value at the first step, but that it is the one that was listed."""
     change(shard, "latent_mu_v", 0, 0.25)
-    assert rules(copied) >= {(shard, None, "digest"), ("meta/episodes.parquet", 2, "digest")}
+    assert rules(copied) >= {(shard, None, "digest"), ("meta/episodes.parquet", None, "metadata")}
 
 
 def test_a_return_that_is_not_that_of_the_rows_is_named(copied, change):
     change("meta/episodes.parquet", "return", 2, 0.5)
-    assert rules(copied) == {("meta/episodes.parquet", 2, "return")}
+    assert rules(copied) == {("meta/episodes.parquet", None, "metadata")}
 
 
 @pytest.mark.parametrize(("key", "split"), [("mean", None), ("max", "target")])
@@ -103,8 +103,8 @@ def test_statistics_that_are_not_those_of_the_rows_are_named(copied, key, split)
     path.write_text(json.dumps(stats))
     seal(copied)
     (problem,) = validate(copied)
-    assert (problem.path, problem.rule) == ("meta/statistics.json", "statistics")
-    assert f"reward: {key}: found " in problem.message
+    assert (problem.path, problem.rule) == ("meta/statistics.json", "metadata")
+    assert f"reward.{key}: found " in problem.message
 
 
 @pytest.mark.parametrize("what", ["shard", "meta/statistics.json", "meta/experiment.yaml"])

@@ -117,4 +117,4 @@ def test_a_description_of_another_form_is_named(dataset, tmp_path, text):
     copied = Path(shutil.copytree(dataset.path, tmp_path / "copied"))
     (copied / manifest.CROISSANT).write_text(text)
     seal(copied)
-    assert [(p.path, p.rule) for p in ibdata.validate(copied)] == [(manifest.CROISSANT, "files")]
+    assert [(p.path, p.rule) for p in ibdata.validate(copied)] == [(manifest.CROISSANT, "metadata")]
