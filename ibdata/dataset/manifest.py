@@ -15,7 +15,7 @@ from ibdata.dataset.models import Manifest, parse
 from ibdata.errors import DatasetError, UsageError, nearest, printable
 from ibdata.system.configs import shipped
 from ibdata.system.part import Part, resolved
-from ibdata.system.storage import Storage, damaged, local, reason, storage
+from ibdata.system.storage import Storage, local, reason, storage
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
@@ -49,11 +49,11 @@ def read(place: Any) -> Manifest:
             f"{files.name}: no finished dataset here: {PATH} is missing{_remedy(files)}"
         ) from None
     except OSError as error:
-        raise damaged(files, PATH, f"cannot be read: {reason(error)}") from None
+        raise files.error(PATH, f"cannot be read: {reason(error)}") from None
     try:
         return _parsed(data)
     except ValueError as error:
-        raise damaged(files, PATH, str(error)) from None
+        raise files.error(PATH, str(error)) from None
 
 
 def _remedy(files: Storage) -> str:

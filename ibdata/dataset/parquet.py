@@ -5,43 +5,42 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import accumulate
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.errors import DatasetError, printable
-from ibdata.system.storage import damaged, reason, storage
+from ibdata.system.storage import Storage, reason
 
 Names = Sequence[str] | Mapping[str, str]
 READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)
 
 
 def read(
-    place: Any,
+    files: Storage,
     path: str,
     names: Names | None = None,
     rows: int | None = None,
     data: bytes | None = None,
 ) -> pa.Table:
-    """Read these columns, or all, of a file at a place: a dataset, its folder or its URL.
+    """Read these columns, or all, of a file of a dataset.
 
     `names` may be a mapping to the types of the columns, as dataset.json spells them. `data` are the bytes of
     the file, if they were read already. Raises DatasetError if the file cannot be read, lacks a column, has
     one of another type, or has another number of rows than expected.
     """
-    with opened(place, path, data, names, rows) as file:
+    with opened(files, path, data, names, rows) as file:
         return file.read(columns=None if names is None else list(names))
 
 
-def described(place: Any, path: str) -> tuple[pa.Schema, int]:
+def described(files: Storage, path: str) -> tuple[pa.Schema, int]:
     """The schema and the number of rows of a file. Raises the errors of `read`."""
-    with opened(place, path) as file:
+    with opened(files, path) as file:
         return file.schema_arrow, file.metadata.num_rows
 
 
 def batches(
-    place: Any,
+    files: Storage,
     path: str,
     names: Names | None,
     most: int,
@@ -54,7 +53,7 @@ def batches(
 
     Without `threads` the caller's thread decodes each alone, which takes less of the processors' time.
     """
-    with opened(place, path, None, names, rows) as file:
+    with opened(files, path, None, names, rows) as file:
         sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
         ends = list(accumulate(sizes))
         stop = file.metadata.num_rows if stop is None else stop
@@ -71,14 +70,13 @@ def batches(
 
 @contextmanager
 def opened(
-    place: Any,
+    files: Storage,
     path: str,
     data: bytes | None = None,
     names: Names | None = None,
     rows: int | None = None,
 ) -> Iterator[pq.ParquetFile]:
     """A context with an open file. Arguments and errors are those of `read`."""
-    files = storage(place)
     errors = READ_ERRORS if files.url is None else Exception  # a plug-in for URLs may raise anything
     try:
         with (
@@ -92,14 +90,14 @@ def opened(
         ):
             count = file.metadata.num_rows
             if rows is not None and count != rows:
-                raise damaged(files, path, f"found {count} rows, expected {rows}; see ibdata validate")
+                raise files.error(path, f"found {count} rows, expected {rows}; see ibdata validate")
             if problem := _other_columns(file.schema_arrow, names or ()):
-                raise damaged(files, path, f"{problem}; see ibdata validate")
+                raise files.error(path, f"{problem}; see ibdata validate")
             yield file
     except DatasetError:
         raise
     except errors as error:
-        raise damaged(files, path, f"cannot be read, see ibdata validate: {reason(error)}") from None
+        raise files.error(path, f"cannot be read, see ibdata validate: {reason(error)}") from None
 
 
 def _other_columns(schema: pa.Schema, names: Names) -> str | None:

@@ -16,7 +16,7 @@ from ibdata.dataset.models import Info, Manifest, Parsed, ShardEntry, SplitEntry
 from ibdata.dataset.models import Splits as SplitsFile
 from ibdata.dataset.splits import refuse_misfits
 from ibdata.errors import BusyError, DatasetError, UsageError, excerpt
-from ibdata.system.storage import Storage, damaged, reason, storage
+from ibdata.system.storage import Storage, reason, storage
 
 INFO = "meta/dataset.json"
 STATISTICS = "meta/statistics.json"
@@ -76,7 +76,7 @@ class Stored:
         try:
             return parse(form, manifest.loads(data))
         except ValueError as error:
-            raise damaged(self.storage, path, str(error)) from None
+            raise self.storage.error(path, str(error)) from None
 
     def error(self, path: str, problem: str) -> DatasetError:
         """The error that names a problem of a file and its remedy.
@@ -85,7 +85,7 @@ class Stored:
         """
         self.refuse_replaced()
         remedy = f"; run ibdata repair {self.name}" if self.storage.url is None else ""
-        return damaged(self.storage, path, f"{problem}{remedy}")
+        return self.storage.error(path, f"{problem}{remedy}")
 
     def refuse_replaced(self) -> None:
         """Raise BusyError if the dataset at this place no longer has this manifest."""
@@ -113,7 +113,7 @@ class Stored:
         table = parquet.read(self.storage, EPISODES, EPISODE_SCHEMA.names, rows=episodes, data=data)
         if not table.schema.equals(EPISODE_SCHEMA) or any(column.null_count for column in table.columns):
             problem = "found other columns than ibdata writes; see ibdata validate"
-            raise damaged(self.storage, EPISODES, problem)
+            raise self.storage.error(EPISODES, problem)
         return table
 
     @property

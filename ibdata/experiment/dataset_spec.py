@@ -17,7 +17,6 @@ from ibdata.experiment.models import Experiment
 from ibdata.experiment.plan import Shard, plan, segments
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
-from ibdata.system.storage import damaged
 
 
 class Run(NamedTuple):
@@ -160,7 +159,7 @@ def declared_spec(stored: Stored) -> DatasetSpec:
         plain = stored.manifest.model_dump(include={"name", "experiments"})
         return DatasetSpec.from_plain(plain, weights)
     except ValidationError as error:
-        raise damaged(stored.storage, manifest.PATH, f"experiments: {_first_line(error)}") from None
+        raise stored.storage.error(manifest.PATH, f"experiments: {_first_line(error)}") from None
 
 
 def spec_in(stored: Stored) -> DatasetSpec:

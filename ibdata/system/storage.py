@@ -49,6 +49,10 @@ class Storage:
         """The name of a file, for messages."""
         return os.path.join(self.name, path)
 
+    def error(self, path: str, problem: str) -> DatasetError:
+        """The error that names a file and its problem."""
+        return DatasetError(f"{self.where(path)}: {problem}")
+
     def open(self, path: str) -> pa.NativeFile:
         """Open a regular file for reading anywhere in it."""
         import pyarrow as pa
@@ -166,7 +170,7 @@ class Remote(Storage):
                     FileSelector(f"{self._base}/{folder}", allow_not_found=True)
                 )
         except OSError as error:
-            raise damaged(self, folder, f"cannot be listed: {reason(error)}") from None
+            raise self.error(folder, f"cannot be listed: {reason(error)}") from None
         kept = (info for info in entries if not (info.is_file and is_litter(info.base_name)))
         return sorted(info.base_name + "/" * (not info.is_file) for info in kept)
 
@@ -251,11 +255,6 @@ def refuse_url(*places: Any) -> None:
 
 def _url_refused(url: str) -> UsageError:
     return UsageError(f"{printable(hidden(url))}: found a URL, expected a path on this machine")
-
-
-def damaged(place: Any, path: str, problem: str) -> DatasetError:
-    """The error that names a file of a dataset and its problem."""
-    return DatasetError(f"{storage(place).where(path)}: {problem}")
 
 
 def reason(error: BaseException) -> str:

@@ -23,7 +23,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.yaml import Document
 from ibdata.system.progress import Advance, unseen
-from ibdata.system.storage import reason, storage
+from ibdata.system.storage import Storage, reason
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
 from ibdata.writing import metadata
 from ibdata.writing.columns import Piece, stored_pieces
@@ -37,7 +37,7 @@ PART_ROWS = 100_000  # as a row group has, which then is a part where it holds w
 def check_shard(
     spec: DatasetSpec,
     shard: Shard,
-    place: Any,
+    files: Storage,
     path: str,
     advance: Advance = unseen,
 ) -> tuple[ShardSummary | None, list[Problem]]:
@@ -46,7 +46,7 @@ def check_shard(
     Args:
         spec: The experiments and splits of the dataset.
         shard: The shard.
-        place: The dataset's folder or storage.
+        files: The files of the dataset.
         path: The path of the shard's file in it.
         advance: Called with the number of rows of each part.
 
@@ -55,14 +55,14 @@ def check_shard(
     """
     experiment, summarizer, broken = spec.of_shard(shard), ShardSummarizer(spec, shard), _BrokenRules(path)
     try:
-        schema, rows = parquet.described(place, path)
+        schema, rows = parquet.described(files, path)
         expected = (shard.stop - shard.first) * experiment.steps
         if wrong := _schema(schema, columns(experiment)):
             return None, [Problem(path, None, "schema", wrong)]
         if rows != expected:
             message = f"found {rows}, expected {expected} rows of whole episodes"
             return None, [Problem(path, None, "rows", message)]
-        batches = parquet.batches(place, path, None, PART_ROWS, threads=False)
+        batches = parquet.batches(files, path, None, PART_ROWS, threads=False)
         with ThreadPoolExecutor(1) as checking:  # while the next part is read
             before: Future[None] | None = None
             for piece in stored_pieces(spec, shard, batches, PART_ROWS):
@@ -73,7 +73,7 @@ def check_shard(
             if before:
                 before.result()
     except DatasetError as error:
-        return None, [Problem.of(error, path, storage(place).where(path), "parquet")]
+        return None, [Problem.of(error, path, files.where(path), "parquet")]
     problems = broken.problems()
     return (None if problems else summarizer.content()), problems
 

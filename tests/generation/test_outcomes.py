@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right, part_of
+from ibdata.generation.target import Action, At, Begun, Found, Mode, TakenError, decide
 
 import ibdata
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.generation import workers
 from ibdata.generation.estimate import estimate
-from ibdata.generation.target import Action, At, Begun, Found, Mode, TakenError, decide
 from ibdata.writing.edited import sealed
 
 OTHER = TINY.model_copy(update={"seed": 1})

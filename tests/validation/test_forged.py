@@ -18,6 +18,7 @@ from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.maintenance.reproduce import reproduce
 from ibdata.system.files import FileEntry
+from ibdata.system.storage import Storage
 from ibdata.validation.validate import validate
 from ibdata.writing.columns import stored_pieces
 from ibdata.writing.finish import finish
@@ -36,7 +37,7 @@ def summary_of(spec, shard, folder, path):
     """The summary of the rows of a shard's file."""
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
-    batches = parquet.batches(folder, path, layout(experiment).names, 65_536, rows)
+    batches = parquet.batches(Storage(folder), path, layout(experiment).names, 65_536, rows)
     return describe(spec, shard, stored_pieces(spec, shard, batches))
 
 

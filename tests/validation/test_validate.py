@@ -17,6 +17,7 @@ from ibdata.errors import BusyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.system.storage import Storage
 from ibdata.validation.checks import check_shard
 from ibdata.validation.validate import validate
 from ibdata.writing.columns import writer_options
@@ -200,5 +201,5 @@ def test_a_wrong_density_late_in_an_episode_is_found(made, tmp_path, number):
     density[row] -= 0.125
     table = table.set_column(place, table.schema.field(place), pa.array(density))
     pq.write_table(table, tmp_path / "x.parquet", **writer_options(columns(experiment)))
-    (problem,) = check_shard(DatasetSpec.of(experiment), shard, tmp_path, "x.parquet")[1]
+    (problem,) = check_shard(DatasetSpec.of(experiment), shard, Storage(tmp_path), "x.parquet")[1]
     assert (problem.rule, problem.row) == ("density", row)
