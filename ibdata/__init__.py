@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 from ibdata.version import __version__ as __version__
 
 if TYPE_CHECKING:  # for type checkers and editors
-    from ibdata.dataset.difference import difference as difference
     from ibdata.dataset.reader import Dataset as Dataset
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
@@ -40,7 +39,6 @@ _MODULES = {
     "Experiment": "experiment",
     "IbdataError": "errors",
     "baselines": "evaluation.baselines",
-    "difference": "dataset.difference",
     "estimate": "generation.estimate",
     "evaluate": "evaluation",
     "export": "exporters",

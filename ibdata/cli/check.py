@@ -1,4 +1,4 @@
-"""Commands that check datasets: validate, repair, reproduce, diff."""
+"""Commands that check datasets: validate, repair, reproduce."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ibdata.cli._options import (
-    LOCAL,
     allow_code_option,
     folder_argument,
     place_argument,
     progress_option,
     workers_option,
 )
-from ibdata.cli._printing import Printed, lines, prints_result
+from ibdata.cli._printing import Printed, prints_result
 from ibdata.numerics.naming import counted
 
 if TYPE_CHECKING:
@@ -101,32 +100,3 @@ def reproduce_command(folder: Path, episodes: int | None, allow_code: bool) -> C
     count, problems = reproduce(folder, episodes, allow_code)
     fine = f"{folder}: {counted(count, 'episode')} made again, all the same"
     return Checked(problems, fine, path=str(folder), episodes=count, same=not problems)
-
-
-@click.command("diff")
-@click.argument("first", metavar="A", type=LOCAL)
-@click.argument("second", metavar="B", type=LOCAL)
-@prints_result
-def diff_command(first: Path, second: Path) -> Printed:
-    """Print how two datasets differ.
-
-    Compares experiments, columns and counts, and finds the first episode, step and column that differ. The
-    exit code is 3 if the datasets differ, and 2 if A or B is not a dataset.
-
-    \b
-    ibdata diff data/random data/random-paper
-    """
-    from ibdata.dataset.difference import difference
-    from ibdata.dataset.manifest import NoDatasetError
-    from ibdata.dataset.reader import Dataset
-    from ibdata.errors import UsageError
-
-    try:
-        datasets = Dataset(first), Dataset(second)
-    except NoDatasetError as error:
-        raise UsageError(str(error)) from None
-    differences = difference(*datasets)
-    data = {"same": not differences, "differences": differences}
-    if not differences:
-        return Printed(data, "the same content")
-    return Printed(data, lines(differences), exit_code=3)

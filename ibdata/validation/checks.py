@@ -173,6 +173,7 @@ def metadata_problems(
     listed, are_all = stored.manifest, len(written) == len(spec.shards)
     entries = listed.entries()
     paths = {path for path in metadata_paths(spec) if path in entries and is_whole(path)}
+    paths -= {path for path in paths if manifest.WEIGHTS.fullmatch(path)}  # whose names have their hash
     expected = dict(metadata_files(paths - set(() if are_all else NEED_CONTENT), spec, written))
     if manifest.CROISSANT in paths:
         shards = metadata.unread_shards(spec, listed)

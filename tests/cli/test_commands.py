@@ -156,12 +156,3 @@ def test_evaluate_prints_a_table_of_differences(run):
     single = run("evaluate", "safe", "--episodes", "1", "--steps", "5")[1].splitlines()
     assert single[1].split()[4] == "–"
     assert [line.partition(":")[0] for line in single[2:]] == ["score", "no standard error"]
-
-
-def test_diff_tells_other_content_from_no_dataset(run, data):
-    plain = {"name": "x", "setpoints": 70, "policies": ["random"], "steps": 3}
-    other = ibdata.generate(plain, "other", workers=1)
-    assert [run("diff", str(data), each)[0] for each in (str(data), "other", "nothing")] == [0, 3, 2]
-    assert run("diff", "nothing", "other")[0] == 2
-    (other.path / "meta/manifest.json").write_text("{}")
-    assert run("diff", "other", str(data))[0] == 3

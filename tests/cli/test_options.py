@@ -28,7 +28,6 @@ CHOSEN = {"split": "target", "setpoint": 70.0, "policy": ["random", "calm"], "ep
 SELECT = "ibdata.dataset.readable.Readable.select"
 TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ("card $D", "ibdata.maintenance.card.card", {"folder": DATA}),
-    ("diff $D $D", "ibdata.dataset.difference.difference", {"a": DATA, "b": DATA}),
     (f"config validate random {CHANGES}", "ibdata.experiment.load_all", {"config": "random", **LOADED}),
     (f"config show random {CHANGES}", "ibdata.experiment.load", {"config": "random", **LOADED}),
     (

@@ -41,7 +41,7 @@ def crafted(run, made_at):
     seal(Path("d"), lambda listed: listed.update(changes))
 
 
-READING = ["info d", "head d", "stats d", "validate d", "diff d whole", "ls", "split d --list", "reproduce d"]
+READING = ["info d", "head d", "stats d", "validate d", "ls", "split d --list", "reproduce d"]
 READING += ["repair d", "split d --by policy", "merge d whole --out m", "card d"]
 
 

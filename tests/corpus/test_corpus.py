@@ -37,7 +37,7 @@ HERE = Path(__file__).parent
 SMALL = "name: x\nsetpoints: [20, 70]\npolicies: [{kind: random}]\nsteps: 3\n"
 CONFIG_RUNS = ("config validate x.yaml", "generate --config x.yaml --out out --workers 1")
 ESCAPE = re.compile(r"⟦(.*?)×(\d+)⟧|\\(x[0-9a-f]{2}|u[0-9a-f]{4}|.)")
-READING = {"info", "head", "stats", "validate", "reproduce", "diff"}
+READING = {"info", "head", "stats", "validate", "reproduce"}
 DATA = ("manifests.txt", "shards.txt", "metadata.txt")
 UNPRINTABLE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 

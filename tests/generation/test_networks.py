@@ -57,7 +57,7 @@ def test_a_dataset_carries_its_weights_and_needs_no_other(made, elsewhere):
     assert ibdata.reproduce(made.path)[1] == []
     elsewhere()
     again = ibdata.generate(made.path / manifest.EXPERIMENT, "again", workers=1)
-    assert ibdata.difference(made, again) == []
+    assert again.content_root == made.content_root
     for lost in ("data/*-00001-*.parquet", "meta/statistics.json"):
         next(made.path.glob(lost)).unlink()
     elsewhere()
@@ -87,7 +87,7 @@ def test_a_run_goes_on_with_its_own_weights_only(learned):
 def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
     (learned.parent / "actor.safetensors").write_bytes(networks.weights(seed=1))
     other = ibdata.generate(learned, "other", workers=1)
-    assert any("sha256" in line for line in ibdata.difference(made, other))
+    assert other.content_root != made.content_root
     elsewhere()
     both = ibdata.merge([made.path, other.path], "both")
     assert len(list((both.path / "meta").glob("policy-*.safetensors"))) == 2

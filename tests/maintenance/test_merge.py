@@ -128,10 +128,3 @@ def test_equal_episodes_are_found_where_the_experiments_differ(make, tmp_path):
     with pytest.raises(UsageError, match=r"again: episode 0 is also in .*; leave one of the datasets out"):
         ibdata.merge([a.path, tmp_path / "again"], tmp_path / "both")
     assert not (tmp_path / "both").exists()
-
-
-def test_the_difference_counts_what_only_one_has(pair, merged):
-    lines = ibdata.difference(merged, pair[0])
-    assert lines == ibdata.difference(merged.path, pair[0].path)
-    assert "experiments: 2 and 1" in lines
-    assert any("only the first has: " in line for line in lines)

@@ -270,22 +270,3 @@ def test_reproduce_names_a_changed_or_missing_file(copied, file, damage):
     count, problems = ibdata.reproduce(copied)
     assert (count, [problem.path for problem in problems]) == (12, [path])
     assert ibdata.reproduce(copied, 1) == (1, [])  # the first episode is in another file
-
-
-@pytest.mark.parametrize(
-    ("change", "lines"),
-    [
-        ({"output": {"shard_rows": 1000}}, []),
-        ({"seed": 1}, ["experiment.seed: 0 and 1", "episode 0 and 0: step 0: "]),
-        (
-            {"episodes": 4},
-            ["episodes: 12 and 16", "episodes with a cell and index that only the second has: 4"],
-        ),
-        ({"output": {"dtype": "float64"}}, ["column reward: float32 and float64"]),
-    ],
-)
-def test_a_difference_is_named(made, made_at, tmp_path, change, lines):
-    found = ibdata.difference(made, made_at({**PLAIN, **change}, tmp_path / "other"))
-    assert bool(found) == bool(lines)
-    for line in lines:
-        assert any(each.startswith(line) for each in found), found

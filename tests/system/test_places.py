@@ -90,7 +90,6 @@ READERS = {
     "validate": lambda: ibdata.validate("~/d"),
     "repair": lambda: ibdata.repair("~/d"),
     "reproduce": lambda: ibdata.reproduce("~/d"),
-    "difference": lambda: ibdata.difference("~/d", "~/d"),
     "ls": lambda: datasets_in("~"),
     "load": lambda: ibdata.load("~/d/meta/experiment.yaml"),
     "dry run": lambda: ibdata.estimate("~/d/meta/experiment.yaml", out="~/d"),
