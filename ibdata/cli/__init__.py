@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import atexit
 import gc
 import inspect
@@ -12,25 +11,33 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from functools import cached_property
 from importlib import import_module
 from io import TextIOWrapper
-from pathlib import Path
 from types import FrameType
 from typing import TextIO
 
 import click
 
 from ibdata.cli._printing import print_json, shortened
-from ibdata.cli._suggesting import Suggesting, summary_of
+from ibdata.cli._suggesting import Suggesting
 from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, notice, printable
 from ibdata.system import processes
 from ibdata.version import __version__
 
+COMMANDS = {  # by what they are for; the module of each
+    "Use": {
+        "init": "make", "generate": "make", "info": "read", "head": "read", "stats": "read", "plot": "draw",
+        "figure": "draw", "evaluate": "evaluate", "export": "export", "config": "config",
+    },
+    "Maintain": {
+        "ls": "read", "validate": "check", "repair": "check", "reproduce": "check", "split": "split",
+        "merge": "make", "finalize": "make", "card": "draw",
+    },
+}  # fmt: skip
+MODULES = {name: module for modules in COMMANDS.values() for name, module in modules.items()}
 INTERRUPTED = 130
-COMMAND = re.compile(r"^def (\w+)_command\(", re.MULTILINE)
 PLACE = re.compile(r"(?P<file>.+?):(?P<line>\d+):\d+: ")
 
 
@@ -41,33 +48,16 @@ class Stopped(Exception):
         self.interrupted = interrupted
 
 
-def _modules() -> Iterator[Path]:
-    """The files of this folder that hold commands."""
-    return Path(__path__[0]).glob("[!_]*.py")
-
-
 class Commands(Suggesting):
-    """Every function NAME_command in a module of this folder is the command NAME."""
-
-    @cached_property
-    def modules(self) -> dict[str, str]:
-        """The module of each command, from the text of the modules, because to import them takes long."""
-        texts = {path.stem: path.read_text(encoding="utf-8") for path in _modules()}
-        return {name: module for module, text in texts.items() for name in COMMAND.findall(text)}
-
-    @cached_property
-    def functions(self) -> dict[str, ast.FunctionDef]:
-        """The functions of the modules, which are not imported."""
-        nodes = (node for path in _modules() for node in ast.parse(path.read_bytes()).body)
-        return {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
+    """The commands by what they are for, each a function NAME_command in a module of this folder."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(self.modules)
+        return list(MODULES)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in self.modules:
+        if cmd_name not in MODULES:
             return None
-        module = import_module(f"{__name__}.{self.modules[cmd_name]}")
+        module = import_module(f"{__name__}.{MODULES[cmd_name]}")
         command: click.Command = getattr(module, f"{cmd_name}_command")
         return command
 
@@ -77,9 +67,10 @@ class Commands(Suggesting):
         except Interrupted as error:
             raise Stopped(error) from error
 
-    def summary(self, ctx: click.Context, name: str) -> str:
-        """The first sentence of a command's help."""
-        return summary_of(self.functions[f"{name}_command"]).partition(". ")[0].removesuffix(".") + "."
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        for title, modules in COMMANDS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, self.summary(ctx, name)) for name in modules])
 
 
 @click.command(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
