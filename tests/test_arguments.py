@@ -19,7 +19,7 @@ from ibdata.arguments import public
 from ibdata.environment.settings import settings
 from ibdata.errors import UsageError
 from ibdata.maintenance.card import card
-from ibdata.plots import figure, plot
+from ibdata.plots import plot
 from ibdata.testing import check_policy
 from ibdata.views.options import view_options
 
@@ -31,7 +31,7 @@ DATASET = {
 FUNCTIONS = {
     **{name: getattr(ibdata, name) for name in dir(ibdata) if inspect.isfunction(getattr(ibdata, name))},
     **DATASET,
-    **{each.__name__: each for each in (settings, check_policy, figure, plot, card, view_options)},
+    **{each.__name__: each for each in (settings, check_policy, plot, card, view_options)},
 }
 NUMBER = r"\b(int|float|Setpoint)\b"
 EXPERIMENT = {"name": "x", "setpoints": [20, 70], "policies": ["random", "safe"], "steps": 6, "episodes": 4}

@@ -29,7 +29,7 @@ from ibdata.version import __version__
 COMMANDS = {  # by what they are for; the module of each
     "Use": {
         "init": "make", "generate": "make", "info": "read", "head": "read", "stats": "read", "plot": "draw",
-        "figure": "draw", "evaluate": "evaluate", "export": "export", "config": "config",
+        "evaluate": "evaluate", "export": "export", "config": "config",
     },
     "Maintain": {
         "ls": "read", "validate": "check", "repair": "check", "reproduce": "check", "split": "split",

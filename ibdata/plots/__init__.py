@@ -1,4 +1,4 @@
-"""Pictures of the benchmark and of datasets; needs the extra `plot` (matplotlib)."""
+"""Pictures of datasets; needs the extra `plot` (matplotlib)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ibdata.dataset.reader import Rows
 
 FOLDER = "figures"
-DYNAMICS = ("siemens", "paper")
 FORMS = ("png", "svg")
 
 
@@ -35,56 +34,9 @@ class Pictures(list[Path]):
         return "\n".join(parts)
 
 
-def names() -> list[str]:
-    """The names of the paper's figures, the modules of `ibdata.plots.paper`."""
-    return _modules("paper")
-
-
 def plots() -> list[str]:
     """The names of the pictures of a dataset, the modules of `ibdata.plots.dataset`."""
-    return _modules("dataset")
-
-
-@public
-def figure(
-    name: str,
-    out: str | os.PathLike[str] | None = None,
-    dynamics: str = "siemens",
-    seed: int | None = None,
-    overwrite: bool = False,
-) -> Path:
-    """Draw a figure of the paper into a PNG or SVG file. Equal arguments give equal bytes.
-
-    Args:
-        name: "landscape", "policies", "dynamics" or "setpoints".
-        out: the file, which ends in .png or .svg; by default figures/<name>.png.
-        dynamics: "siemens" or "paper".
-        seed: the seed of the episodes drawn; by default one that shows the same as the paper's figure.
-        overwrite: whether to replace the file if it exists.
-
-    Returns:
-        The file.
-
-    Raises:
-        UsageError: an argument is invalid, or the file exists and is not to be replaced.
-        ImportError: matplotlib is not installed.
-        IbdataError: the file cannot be written.
-    """
-    path = Path(FOLDER, f"{name}.png") if out is None else local(out)
-    form = path.suffix[1:].lower()
-    _one_of("figure", name, names())
-    _one_of("dynamics", dynamics, DYNAMICS)
-    if form not in FORMS:
-        raise UsageError(f"{path}: found the ending {path.suffix!r}, expected .png or .svg")
-    if seed is not None and not 0 <= seed < 2**64:
-        raise UsageError(f"seed: found {seed}, expected a whole number from 0 to 2⁶⁴ - 1")
-    _refuse_existing(path, overwrite)
-    from ibdata.plots.style import image  # first, because its error says what to install
-
-    module = import_module(f"ibdata.plots.paper.{name}")
-    chosen = module.SEED if seed is None else seed
-    _write(path, image(lambda drawing: module.draw(drawing, dynamics, chosen), form))
-    return path
+    return sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).with_name("dataset"))]))
 
 
 @public
@@ -117,17 +69,27 @@ def plot(
         ImportError: matplotlib is not installed.
         IbdataError: a file cannot be written.
     """
+    from ibdata.dataset.manifest import refuse_inside
     from ibdata.dataset.reader import readable
+    from ibdata.system.files import write
 
-    _one_of("form", form, FORMS)
+    if form not in FORMS:
+        raise UsageError(f"form: found {form!r}, expected one of {', '.join(FORMS)}")
     shown = readable(dataset)
     name = os.path.basename(os.path.abspath(shown.place.partition("?")[0]))  # of a folder or in a URL
     folder = Path(FOLDER, name) if out is None else local(out)
     paths = {name: folder / f"{name}.{form}" for name in _of(shown)}
     for path in paths.values():
-        _refuse_existing(path, overwrite)
+        if os.path.lexists(path) and (path.is_dir() or not overwrite):
+            todo = "another name" if path.is_dir() else "another name, or --overwrite"
+            raise UsageError(f"{path}: exists already; choose {todo}")
+        refuse_inside(path)
     for name, data in drawn(shown, form, progress).items():
-        _write(paths[name], data)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            write(folder, paths[name].name, data)
+        except OSError as error:
+            raise IbdataError(f"{paths[name]}: cannot be written: {error.strerror}") from None
     return Pictures(paths.values())
 
 
@@ -156,31 +118,3 @@ def _of(dataset: Readable) -> list[str]:
 def module_of(name: str) -> Any:
     """The module of a picture of a dataset."""
     return import_module(f"ibdata.plots.dataset.{name}")
-
-
-def _modules(folder: str) -> list[str]:
-    return sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).with_name(folder))]))
-
-
-def _refuse_existing(path: Path, overwrite: bool) -> None:
-    from ibdata.dataset.manifest import refuse_inside
-
-    if os.path.lexists(path) and (path.is_dir() or not overwrite):
-        todo = "another name" if path.is_dir() else "another name, or --overwrite"
-        raise UsageError(f"{path}: exists already; choose {todo}")
-    refuse_inside(path)
-
-
-def _one_of(what: str, value: str, known: list[str] | tuple[str, ...]) -> None:
-    if value not in known:
-        raise UsageError(f"{what}: found {value!r}, expected one of {', '.join(known)}")
-
-
-def _write(path: Path, data: bytes) -> None:
-    from ibdata.system.files import write
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(path.parent, path.name, data)
-    except OSError as error:
-        raise IbdataError(f"{path}: cannot be written: {error.strerror}") from None

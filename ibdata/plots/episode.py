@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, legend_beside, pixels
+from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, pixels
 
 SIZE = (9.0, 6.0)
 SHORTEST = 50  # least length of the axis in steps, so that it does not change at every step
@@ -46,7 +46,7 @@ def draw_episode(figure: Figure, steps: Mapping[str, Any]) -> None:
         axis.set_ylim(LIMITS.get(lines[0][0]))
         if lines[0][0] == "direction":
             axis.set_yticks([-6, 0, 6])
-        legend_beside(axis)
+        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))  # where it hides nothing
     axes[-1].set_xlabel("step t")
     axes[-1].set_xlim(0, max(SHORTEST, len(steps["setpoint"]) - 1))
 

@@ -101,11 +101,6 @@ def pixels(draw: Callable[[Figure], None], size: tuple[float, float]) -> npt.NDA
         return np.array(canvas.buffer_rgba())[:, :, :3]
 
 
-def legend_beside(axes: Axes) -> None:
-    """Put the legend to the right of the axes, where it hides nothing."""
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
 def legend_above(axes: Axes) -> None:
     """Put the legend above the axes, where it hides nothing. Its entries are in rows, not in columns."""
     handles = axes.get_legend_handles_labels()[0]

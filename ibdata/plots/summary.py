@@ -32,7 +32,11 @@ class Summary:
     def __init__(self, dataset: Readable, progress: bool | None = False) -> None:
         self.dataset = dataset
         self.episodes = dataset.episodes
-        self.setpoints, self.levels, self.setpoint = _grouped(self._finite("setpoint"))
+        values, number = np.unique(self._finite("setpoint"), return_inverse=True)
+        runs = np.array_split(values, min(len(values), MOST_SETPOINTS))
+        self.setpoints = [f"{run[0]:g}" if len(run) == 1 else f"{run[0]:g} – {run[-1]:g}" for run in runs]
+        self.levels = np.array([(run[0] + run[-1]) / 2 for run in runs])
+        self.setpoint = np.repeat(np.arange(len(runs)), [len(run) for run in runs])[number]
         self.policies, self.policy = _first(list(self.episodes["policy"]))
         self.returns = self._finite("return")
         cells = (len(self.setpoints), len(self.policies))
@@ -58,23 +62,6 @@ class Summary:
     def setpoint_label(self) -> str:
         """The label of the groups of setpoints."""
         return "setpoint p at the start" if self.dataset.stored.info.drifting else "setpoint p"
-
-
-def _grouped(setpoint: Floats) -> tuple[list[str], Floats, npt.NDArray[np.int64]]:
-    """Names and middles of groups of neighbouring setpoints, and the group of each episode."""
-    values, number = np.unique(setpoint, return_inverse=True)
-    runs = np.array_split(values, min(len(values), MOST_SETPOINTS))
-    group_of = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
-    return [_span(run) for run in runs], np.array([(run[0] + run[-1]) / 2 for run in runs]), group_of[number]
-
-
-def _span(values: Floats) -> str:
-    """Setpoints as a label.
-
-    >>> _span(np.array([10.0, 20.0, 30.0]))
-    '10 – 30'
-    """
-    return f"{values[0]:g}" if len(values) == 1 else f"{values[0]:g} – {values[-1]:g}"
 
 
 def _first(policy: list[str]) -> tuple[list[str], npt.NDArray[np.int64]]:

@@ -52,11 +52,6 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     (f"export $D --to csv --out o {CHOICE}", SELECT, CHOSEN),
     (f"plot $D {CHOICE}", SELECT, CHOSEN),
     (f"stats $D {CHOICE}", SELECT, CHOSEN),
-    (
-        "figure landscape --out o.svg --dynamics paper --seed 7 --overwrite",
-        "ibdata.cli.draw.figure",
-        {"name": "landscape", "out": "o.svg", "dynamics": "paper", "seed": 7, "overwrite": True},
-    ),
     ("finalize o", "ibdata.generation.generate.finalize", {"folder": "o"}),
     (
         f"generate random --out o {CHANGES} {RUNNING} --resume",

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
+import matplotlib
 import pytest
 from PIL import Image
 
@@ -32,6 +33,7 @@ def test_every_form_of_dataset_is_drawn_into_whole_pictures(any_form, tmp_path):
         with Image.open(path) as picture:
             picture.load()
             assert picture.format == "PNG"
+            assert "Software" not in picture.info
             assert min(picture.size) > 250
             assert picture.width >= 720
 
@@ -59,6 +61,7 @@ def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
     assert sorted(texts) == NAMES
     for text in texts.values():
         assert ": many -->" in text
+        assert "<dc:date>" not in text
         assert ElementTree.fromstring(text).tag == "{http://www.w3.org/2000/svg}svg"
     assert "<!-- fatigue f, at t + 1 (cost units) -->" in texts["tradeoff"]
     assert "<!-- velocity v, at t -->" in texts["coverage"]
@@ -77,6 +80,21 @@ def test_files_that_exist_are_replaced_only_when_told_to(ibdata, merged, tmp_pat
     assert os.listdir(tmp_path / "figures" / "both") == ["traces.png"]
     assert ibdata("plot", str(merged.path), "--overwrite").returncode == 0
     assert len(os.listdir(tmp_path / "figures" / "both")) == len(NAMES)
+    (tmp_path / "actions.png").symlink_to("nowhere")
+    with pytest.raises(UsageError, match="exists already"):
+        plot(merged, tmp_path)
+    (tmp_path / "splits.png").mkdir()
+    with pytest.raises(UsageError, match=r"splits\.png: exists already; choose another name$"):
+        plot(merged, tmp_path, overwrite=True)
+
+
+def test_the_user_s_settings_of_matplotlib_do_not_matter(merged, tmp_path):
+    plot(merged, tmp_path / "plain")
+    with matplotlib.rc_context({"lines.linewidth": 9, "font.size": 20, "axes.facecolor": "red"}):
+        before = dict(matplotlib.rcParams)
+        plot(merged, tmp_path / "mine")
+        assert dict(matplotlib.rcParams) == before
+    assert contents(tmp_path / "mine") == contents(tmp_path / "plain")
 
 
 def test_what_cannot_be_meant_is_refused_first(merged, tmp_path):
@@ -91,12 +109,22 @@ def test_what_cannot_be_meant_is_refused_first(merged, tmp_path):
     assert os.listdir(tmp_path) == ["file"]
 
 
+def test_without_matplotlib_the_command_says_what_to_install(merged, tmp_path):
+    code = "import sys; sys.modules['matplotlib'] = None; from ibdata.cli import main; main(sys.argv[1:])"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "plot", str(merged.path)], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    needed = "ibdata.plots needs the package matplotlib: pip install matplotlib, or 'ibdata[plot]'"
+    assert done.stderr == f"ibdata: {needed}\n"
+    assert os.listdir(tmp_path) == []
+
+
 def test_help_needs_no_matplotlib_and_no_window_is_opened(merged, tmp_path):
     code = f"""
 import sys
 import ibdata.cli.draw, ibdata.plots
 assert not {{"matplotlib", "numpy"}} & set(sys.modules)
-ibdata.plots.figure("setpoints", {str(tmp_path / "a.png")!r})
 ibdata.plots.plot({str(merged.path)!r}, {str(tmp_path)!r})
 assert "matplotlib.pyplot" not in sys.modules
 """

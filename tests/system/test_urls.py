@@ -145,7 +145,6 @@ WITHOUT_URLS = {
     "merge": lambda url: ibdata.merge(["here", "other"], url),
     "export": lambda url: ibdata.export("here", to="npz", out=url),
     "plot": lambda url: ibdata.plots.plot("here", out=url),
-    "figure": lambda url: ibdata.plots.figure("landscape", out=f"{url}.png"),
     "card": card,
     "repair": ibdata.repair,
     "reproduce": ibdata.reproduce,
@@ -162,7 +161,7 @@ def test_functions_that_take_no_url_say_so(url):
     ibdata.generate(TINY, "other", workers=1, seed=1)
     before = contents()
     for name, call in WITHOUT_URLS.items():
-        as_dataset = name not in ("figure", "template", "path", "fspath")  # whose place is no dataset
+        as_dataset = name not in ("template", "path", "fspath")  # whose place is no dataset
         for place in (url, dataset) if as_dataset else (url,):
             with pytest.raises(UsageError, match=f"^{url}.*: found a URL, expected a path on this machine$"):
                 call(place)

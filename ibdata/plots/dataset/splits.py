@@ -13,18 +13,11 @@ MOST = 24  # splits that are drawn
 NONE = "(none)"
 
 
-def membership(summary: Summary) -> tuple[list[str], Numbers]:
-    """The first 24 splits, and `NONE` where episodes are in none; 1 or 0 for each (episodes, splits)."""
-    held = [tuple(splits_of_episode) or (NONE,) for splits_of_episode in summary.episodes["splits"]]
-    names = [*list(summary.dataset.stored.splits)[:MOST], *([NONE] if (NONE,) in held else [])]
-    return names, np.array(
-        [[name in splits_of_episode for name in names] for splits_of_episode in held], np.int64
-    )
-
-
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw cells by splits above, and splits by splits below."""
-    names, inside = membership(summary)
+    held = [tuple(splits) or (NONE,) for splits in summary.episodes["splits"]]
+    names = [*list(summary.dataset.stored.splits)[:MOST], *([NONE] if (NONE,) in held else [])]
+    inside = np.array([[name in splits for name in names] for splits in held], np.int64)
     labels = [f"{p}, {policy}" for p in summary.setpoints for policy in summary.policies]
     cells = np.zeros((len(labels), len(names)), np.int64)
     np.add.at(cells, summary.setpoint * len(summary.policies) + summary.policy, inside)

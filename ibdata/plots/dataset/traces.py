@@ -16,8 +16,8 @@ MOST_STEPS = 300  # more could not be told apart
 
 def draw(figure: Figure, summary: Summary) -> None:
     """Draw the panels of `ibdata.plots.episode`."""
-    number = typical(summary.returns)
-    episode = summary.episodes.iloc[number]
+    median = np.quantile(summary.returns, 0.5, method="inverted_cdf")
+    episode = summary.episodes.iloc[np.argmax(summary.returns == median)]  # the first of several
     steps = traces(summary, episode)
     figure.set_size_inches(WIDTH, 5.4 if "mu_v" in steps else 3.4)
     draw_episode(figure, steps)
@@ -27,11 +27,6 @@ def draw(figure: Figure, summary: Summary) -> None:
         f"episode {episode['episode']:,}, the one with the median return{cut}\n"
         f"{summary.setpoint_label} = {episode['setpoint']:g}, {episode['policy']}"
     )
-
-
-def typical(returns: Floats) -> int:
-    """The number of the episode with the median return, or of the first of several."""
-    return int(np.flatnonzero(returns == np.quantile(returns, 0.5, method="inverted_cdf"))[0])
 
 
 def traces(summary: Summary, episode: Any) -> Mapping[str, Floats]:

@@ -3,8 +3,6 @@
 Hein et al. 2017, Fig. 2. It is the same in both variants and not random.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,7 +14,6 @@ from matplotlib.figure import Figure
 from ibdata.dynamics.miscalibration import HE_MAX, PHI_MAX, SAFE_ZONE, penalty
 from ibdata.plots.style import BLACK
 
-SEED = 0
 ROWS = 301
 COLORS = "cividis"  # blue to yellow, for colour-blind readers and for grey prints too
 ARROW = {"arrowstyle": "-|>", "color": BLACK, "linewidth": 1.4, "shrinkA": 0, "shrinkB": 0}
@@ -54,7 +51,7 @@ def scale(figure: Figure, mesh: QuadMesh, axes: Any) -> None:
     figure.colorbar(mesh, ax=axes, label="penalty m", ticks=[-1.0, -0.5, 0.0, 0.5, 1.0])
 
 
-def draw(figure: Figure, dynamics: str, seed: int) -> None:
+def draw(figure: Figure) -> None:
     """Draw the landscape, with arrows for the changes of φ outside and inside the safe zone."""
     figure.set_size_inches(6.5, 4.2)
     axes = figure.subplots()

@@ -4,27 +4,25 @@ Hein et al. 2017, Fig. 4: uniform random actions. The episode is the one that `i
 random.yaml` makes at setpoint 50 with the same seed.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ibdata.dynamics import VARIANTS
+from ibdata.dynamics import SIEMENS
 from ibdata.dynamics.consumption import FATIGUE_WEIGHT, PENALTY_WEIGHT, operational_cost
 from ibdata.dynamics.fatigue import AMPLIFICATION_START
-from ibdata.plots.data import Columns, episodes
 from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY
+from paper.episodes import Columns, episodes
 
 SEED = 161  # μᵍ runs away at t = 82 and α changes at the cap of μ, at 96; in the paper at 90 and 100
 STEPS = 200
 SETPOINT = 50.0
+OFFSET = SIEMENS.consumption_offset
 
 
-def parts(dynamics: str, seed: int) -> Columns:
+def parts() -> Columns:
     """The quantities drawn, by name, (200,) at steps 0 … 199."""
-    (state,) = episodes(dynamics, SETPOINT, "random", STEPS, seed)
-    offset = VARIANTS[dynamics].consumption_offset
+    (state,) = episodes(SETPOINT, "random", STEPS, SEED)
     steerings = zip(state["setpoint"], state["velocity"], state["gain"], strict=True)
     return {
         "mu_g": state["mu_g"],
@@ -32,7 +30,7 @@ def parts(dynamics: str, seed: int) -> Columns:
         "fatigue": state["fatigue"],
         "theta": np.array([operational_cost(p, v, g) for p, v, g in steerings]),
         "convolved_cost": state["convolved_cost"],
-        "miscalibration": PENALTY_WEIGHT * (state["penalty"] + offset),
+        "miscalibration": PENALTY_WEIGHT * (state["penalty"] + OFFSET),
         "expected_consumption": state["expected_consumption"],
         "consumption": state["consumption"],
         "weighted_fatigue": FATIGUE_WEIGHT * state["fatigue"],
@@ -40,11 +38,10 @@ def parts(dynamics: str, seed: int) -> Columns:
     }
 
 
-def draw(figure: Figure, dynamics: str, seed: int) -> None:
+def draw(figure: Figure) -> None:
     """Draw four panels over the same steps."""
     figure.set_size_inches(9.0, 5.6)
-    x = parts(dynamics, seed)
-    offset = VARIANTS[dynamics].consumption_offset
+    x = parts()
     panels = figure.subplot_mosaic("ab\nab\nmb\ncd\ncd\ncd", sharex=True)
     a, mu, b, c, d = (panels[name] for name in "ambcd")
     _fatigue(a, mu, x)
@@ -53,7 +50,7 @@ def draw(figure: Figure, dynamics: str, seed: int) -> None:
     b.set_title("(b) operational cost")
     c.plot(x["consumption"], color=PURPLE, label="c: consumption, with noise")
     c.plot(x["convolved_cost"], "--", color=BLUE, label="θᶜ")
-    c.plot(x["miscalibration"], "-.", color=GREEN, label=f"25 (m + {offset:g})" if offset else "25 m")
+    c.plot(x["miscalibration"], "-.", color=GREEN, label=f"25 (m + {OFFSET:g})")
     c.set_title("(c) consumption = θᶜ + mis-calibration + noise")
     steps = np.arange(STEPS)
     d.fill_between(steps, 0.0, x["consumption"], color=PURPLE, alpha=0.55, linewidth=0, label="c")
@@ -69,7 +66,7 @@ def draw(figure: Figure, dynamics: str, seed: int) -> None:
     for axes in (c, d):
         axes.set_xlabel("step t")
         axes.set_xlim(0, STEPS - 1)
-    figure.suptitle(f"uniform random actions, setpoint {SETPOINT:g}, variant {dynamics}, seed {seed}", size=9)
+    figure.suptitle(f"uniform random actions, setpoint {SETPOINT:g}, variant siemens, seed {SEED}", size=9)
 
 
 def _fatigue(upper: Axes, lower: Axes, x: Columns) -> None:

@@ -3,8 +3,6 @@
 Hein et al. 2017, Fig. 3. It is the same in both variants and not random.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +12,9 @@ from matplotlib.patheffects import withStroke
 
 from ibdata.dynamics import Noise, initial_state, step
 from ibdata.dynamics.setpoint import D_H
-from ibdata.plots.paper.landscape import BOX, background, scale
 from ibdata.plots.style import RED
+from paper.landscape import BOX, background, scale
 
-SEED = 0
 SETPOINT = 50.0  # where the initial shift, 50, is in the middle of the safe zone
 TURN = 24  # steps of a full turn of φ through both domains
 OUT, STAY = 6, 14  # steps of the bad policy: to the best penalty, hᵉ = 1 at φ = 6, and at hᵉ = 1
@@ -63,7 +60,7 @@ def path(delta_h: Floats) -> Path:
     )
 
 
-def draw(figure: Figure, dynamics: str, seed: int) -> None:
+def draw(figure: Figure) -> None:
     """Draw the three policies side by side; t counts the steps."""
     figure.set_size_inches(9.0, 3.1)
     panels = figure.subplots(1, len(POLICIES), sharey=True)
