@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.reader import to_write
 from ibdata.errors import notice, printable
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.measures.quality import quality
@@ -15,7 +15,7 @@ from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved
-from ibdata.system.storage import existing, local
+from ibdata.system.storage import local
 from ibdata.version import __version__
 from ibdata.writing.card import card as readme
 from ibdata.writing.edited import keep_edited, sealed
@@ -42,8 +42,8 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
         BusyError: Another process writes to the dataset.
         IbdataError: The system refuses to write; nothing is changed.
     """
-    path = local(existing(folder))
-    dataset = Dataset(path)
+    path = local(folder)
+    dataset = to_write(path)
     manifest_model = dataset.stored.manifest
     spec = spec_in(dataset.stored)
     refuse_other_plan(spec, manifest_model)

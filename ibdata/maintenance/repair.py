@@ -20,7 +20,7 @@ from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, wri
 from ibdata.system.part import locked_part, resolved
 from ibdata.system.progress import Progress
 from ibdata.system.signals import check
-from ibdata.system.storage import existing, local
+from ibdata.system.storage import local
 from ibdata.validation.checks import check_shard, splits_problems
 from ibdata.validation.validate import Hashing, unlisted_files, validate
 from ibdata.writing import metadata
@@ -53,7 +53,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         UsageError: There are files that are not the dataset's, or custom policies that are not allowed.
     """
     refuse_workers(workers)
-    place = local(existing(folder))
+    place = local(folder)
     stored = _stored(place)
     for problem in unlisted_files(stored):
         raise UsageError(f"{place / problem.path}: {problem.message}, then repair")

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Dataset, Place, opened
+from ibdata.dataset.reader import Dataset, Place, to_write
 from ibdata.errors import UsageError, suggestion
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
@@ -74,7 +74,7 @@ def split(
         UsageError: An argument is invalid, or is one that the scheme does not use.
         DatasetError: The dataset is damaged.
     """
-    dataset = opened(folder)
+    dataset = to_write(folder)
     spec = spec_in(dataset.stored)
     remove = [remove] if isinstance(remove, str) else remove
     points = {"source": _several(source), "target": _several(target)}

@@ -235,11 +235,16 @@ def local(place: Any) -> Path:
 
 
 def existing(place: Any) -> Any:
-    """A place, or the folder below data/ where only that exists."""
+    """A place to read, or the folder below data/ that a plain name may mean where only that exists."""
     if not isinstance(place, str | Path) or is_url(place) or os.path.lexists(local(place)):
         return place
-    below = os.path.join("data", place)
-    return below if os.path.lexists(below) else place
+    below = in_data(place)
+    return below if below is not None and os.path.lexists(below) else place
+
+
+def in_data(name: str | Path) -> Path | None:
+    """The folder below data/ of a plain name; None for a path from the root, or one that leads upwards."""
+    return None if os.path.isabs(name) or ".." in Path(name).parts else Path("data", name)
 
 
 def refuse_url(*places: Any) -> None:
