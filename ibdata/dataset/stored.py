@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -142,6 +143,13 @@ class Stored:
         except OSError as error:
             problem = f"cannot be read: {reason(error)}"
         raise self.error(path, problem)
+
+    def lost_shards(self) -> list[str]:
+        """The paths of the shards of which there is no file; no file is read."""
+        paths = [shard.path for shard in self.manifest.shards]
+        if self.storage.url is None:
+            return [path for path in paths if not os.path.isfile(self.storage.path / path)]
+        return sorted({*paths} - {f"data/{name}" for name in self.storage.names("data")})
 
     def shard(self, number: int) -> ShardEntry:
         """A shard as the manifest lists it. Raises UsageError if there is no such number."""

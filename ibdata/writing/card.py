@@ -8,7 +8,9 @@ import pyarrow as pa
 
 from ibdata.dataset.models import Info
 from ibdata.dataset.returns import averages, behaviour_returns
+from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import column_texts
+from ibdata.errors import printable
 from ibdata.experiment import Experiment
 from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -17,7 +19,7 @@ from ibdata.measures.returns import ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
 from ibdata.writing.edited import sealed
-from ibdata.writing.metadata import info, splits
+from ibdata.writing.metadata import info, splits, unread_shards
 from ibdata.writing.shard import WrittenShard
 
 SOURCES = {
@@ -95,6 +97,13 @@ def card(
         f"## How to cite\n\n{CITE}\n\n```bibtex\n{bibtex(spec.name, root, version)}\n```\n",
     )
     return sealed("\n".join(parts).encode())
+
+
+def card_of(stored: Stored, spec: DatasetSpec, measured: Quality | None = None) -> bytes:
+    """The bytes of the card of a dataset that is there."""
+    listed = stored.manifest
+    version = printable(listed.versions.get("ibdata", __version__))
+    return card(spec, unread_shards(spec, listed), listed.content_root, stored.episodes, version, measured)
 
 
 def facts(spec: DatasetSpec) -> list[tuple[str, str]]:

@@ -49,7 +49,7 @@ class ShardSummary(NamedTuple):
 
 
 # Stands for the content of a shard that was not read.
-UNREAD = ShardSummary([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0)
+UNREAD = ShardSummary([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(5))), np.empty((0, 0)), 0)
 
 
 class WrittenShard(NamedTuple):
@@ -84,7 +84,7 @@ class ShardSummarizer:
         """The summary of all pieces. Raises IbdataError if a value is not finite."""
         moments = self._statistics.moments
         names = layout(self.experiment).names
-        finite = np.isfinite(moments.squares)
+        finite = moments.counts == moments.rows
         finite[names.index("action_log_prob")] = True  # a custom policy may not know its density
         if not finite.all():
             name = names[int(np.argmin(finite))]
@@ -237,9 +237,9 @@ def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
     """Read the receipt of a shard in a part; None if there is none, or if it is damaged."""
     try:
         with _receipt_path(root, shard).open("rb") as file:
-            header, digests, returns, mean, squares, low, high, sample = (np.load(file) for _ in range(8))
+            header, digests, returns, *arrays, sample = (np.load(file) for _ in range(9))
         known = json.loads(header.tobytes())
-        moments = Moments(known["rows"], mean, squares, low, high)
+        moments = Moments(known["rows"], *arrays)
         summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
         return WrittenShard(shard, FileEntry(*known["file"]), summary)
     except (OSError, ValueError, EOFError, KeyError, TypeError):

@@ -51,6 +51,19 @@ def test_datasets_of_every_state_are_listed(made, made_at, run):
     assert run("info", "data")[2].endswith("is missing; ibdata ls data lists the datasets in it\n")
 
 
+@pytest.mark.parametrize("words", [["info", "data/tiny"], ["stats", "data/tiny"]])
+def test_a_summary_names_files_that_are_lost(made, run, words):
+    assert run(*words)[2] == ""
+    shard = next(made.path.glob("data/*.parquet"))
+    shard.unlink()
+    code, out, err = run(*words)
+    line = "ibdata: data/tiny: 1 of 2 Parquet files missing; see ibdata validate data/tiny\n"
+    assert (code, err) == (0, line)
+    assert "reward" in out
+    shard.symlink_to("nowhere")  # as of git-annex, before the file is fetched
+    assert run(*words)[2] == line
+
+
 def test_links_to_datasets_are_followed(made, run):
     Path("linked").mkdir()
     Path("linked/far").symlink_to(made.path)

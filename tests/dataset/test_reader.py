@@ -193,13 +193,13 @@ def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
 
 
 def test_a_dataset_is_looked_for_in_data(dataset, tmp_path, monkeypatch):
-    """By functions that take a folder; they take a dataset too."""
+    """By functions that read a folder; all of them take a dataset too."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(dataset.path, "data/suite/set")
     found = ibdata.open("suite/set")
     assert found.place == "data/suite/set"
     for place in ("suite/set", found):
-        assert ibdata.validate(place) == ibdata.repair(place) == []
+        assert ibdata.validate(place) == ibdata.repair(found) == []
         assert ibdata.reproduce(place, episodes=1) == (1, [])
     Path("suite").mkdir()
     shutil.copytree(dataset.path, "suite/set")

@@ -119,6 +119,25 @@ def test_a_file_that_is_changed_or_missing_is_named(copied, shard, what):
     assert [(p.path, p.rule) for p in validate(copied)] == [(path, "file")]
 
 
+def pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize("damage", [os.unlink, pipe])
+@pytest.mark.parametrize("quick", [False, True])
+def test_a_missing_card_is_named_and_made_again(copied, damage, quick):
+    text = (copied / "README.md").read_bytes()
+    (copied / "README.md").write_text("edited")
+    assert validate(copied, quick) == []
+    damage(copied / "README.md")
+    (problem,) = validate(copied, quick)
+    assert (problem.path, problem.rule) == ("README.md", "file")
+    assert problem.message.endswith("which load_dataset needs; ibdata repair makes it again")
+    assert library.repair(copied, workers=1) == ["README.md"]
+    assert (copied / "README.md").read_bytes() == text
+
+
 @pytest.mark.parametrize("name", ["part-00099-1a2b3c4d.parquet", ".Part.PARQUET", ".h/x", ".h/"])
 def test_files_and_folders_that_are_not_listed_are_named(copied, shard, name):
     path = copied / "data" / name
