@@ -95,6 +95,13 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     return "" if near in (None, word) else f"; did you mean {near!r}?"
 
 
+def meant(word: str, known: Iterable[str]) -> str:
+    """'; did you mean …?' if a known word is similar, else ', expected …' with the known words."""
+    known = list(known)
+    one_of = "one of " if len(known) > 1 else ""
+    return suggestion(word, known) or f", expected {one_of}{', '.join(known)}"
+
+
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """The known word that is most similar to a word; None if none is similar."""
     import difflib

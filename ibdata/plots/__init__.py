@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ibdata.arguments import public
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import IbdataError, UsageError, meant
 from ibdata.system.storage import local
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ def _refuse_existing(path: Path, overwrite: bool) -> None:
 
 def _one_of(what: str, value: str, known: list[str] | tuple[str, ...]) -> None:
     if value not in known:
-        raise UsageError(f"{what}: found {value!r}, expected one of {', '.join(known)}")
+        raise UsageError(f"{what}: found {value!r}{meant(value, known)}")
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -78,7 +78,12 @@ def test_links_to_datasets_are_followed(made, run):
     ("args", "code", "near"),
     [
         (("config", "vaildate"), 2, "validate"),
+        (("list",), 2, "ls"),
+        (("report", "data/tiny"), 2, "card"),
+        (("config", "check"), 2, "validate"),
         (("info", "dta/tinny"), 3, "data/tiny"),
+        (("info", "data/tiny/data"), 3, "data/tiny"),
+        (("validate", "data/tiny/meta/manifest.json"), 3, "data/tiny"),
         (("head", "data/tiny", "--columns", "rewrad"), 2, "reward"),
         (("stats", "data/tiny", "--split", "lo"), 2, "low"),
         (("generate", "randm.yaml"), 2, "random"),

@@ -193,7 +193,7 @@ REFUSED = [
     ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
     (
         {"by": "policy", "names": {"saef": "x"}},
-        "found 'saef' to be renamed, expected one of random, safe",
+        "found 'saef' to be renamed; did you mean 'safe'?",
     ),
 ]
 
