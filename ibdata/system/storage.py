@@ -11,14 +11,13 @@ import hashlib
 import os
 import re
 import shutil
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ibdata.errors import DatasetError, IbdataError, UsageError, hidden, missing, printable
-from ibdata.system.files import FileEntry, is_litter, paths_in
+from ibdata.system.files import FileEntry, is_litter, open_regular, paths_in
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -54,12 +53,7 @@ class Storage:
         import pyarrow as pa
 
         place = self._path / path
-        descriptor = os.open(place, os.O_RDONLY | os.O_NONBLOCK)  # its errors are plainer than Arrow's
-        try:
-            if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # a pipe might never end
-                raise OSError(errno.EINVAL, "not a regular file")
-        finally:
-            os.close(descriptor)
+        open_regular(place).close()  # its errors are plainer than Arrow's
         return pa.OSFile(os.fsencode(place))
 
     def stamp(self, path: str) -> Any:
