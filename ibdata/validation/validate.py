@@ -11,6 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment.dataset_spec import declared_spec
+from ibdata.system.processes import available_processors
 from ibdata.system.progress import Advance, bar, unseen
 from ibdata.system.storage import existing, storage
 from ibdata.validation.checks import check_shard, metadata_problems, splits_problems
@@ -106,9 +107,6 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
     yield from splits_problems(stored)
 
 
-THREADS = os.cpu_count() or 1
-
-
 def check_files(stored: Stored, advance: Advance) -> Iterator[Problem]:
     """The listed files that are missing or changed, and files in `data` that are not listed."""
     with Hashing(stored) as files:
@@ -162,7 +160,7 @@ class Hashing:
         entries, storage = stored.manifest.entries(), stored.storage
         self._expected = {path: entries[path] for path in entries if paths is None or path in paths}
         self._todo = remedy(stored)
-        self._threads = ThreadPoolExecutor(THREADS)  # hashing releases the interpreter's lock
+        self._threads = ThreadPoolExecutor(available_processors())  # hashing releases the interpreter's lock
         self._found = {path: self._threads.submit(storage.entry, path) for path in self._expected}
 
     def __enter__(self) -> Hashing:

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import threading
 
 import numpy as np
 import pyarrow as pa
@@ -17,6 +18,7 @@ from ibdata.errors import BusyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.system.storage import Storage
 from ibdata.validation.checks import check_shard
 from ibdata.validation.validate import validate
 from ibdata.writing.columns import writer_options
@@ -178,6 +180,19 @@ def test_a_dataset_that_is_replaced_meanwhile_is_busy(copied, monkeypatch):
     with pytest.raises(BusyError, match="replaced while it was read; open it again") as error:
         validate(copied)
     assert error.value.exit_code == 75
+
+
+def test_files_are_hashed_by_as_many_threads_as_the_process_has_processors(copied, monkeypatch):
+    monkeypatch.setattr("ibdata.system.processes.os.sched_getaffinity", lambda process: {5}, raising=False)
+    names, entry = set(), Storage.entry
+
+    def noted(*arguments):
+        names.add(threading.current_thread().name)
+        return entry(*arguments)
+
+    monkeypatch.setattr(Storage, "entry", noted)
+    assert validate(copied, quick=True) == []
+    assert len(names) == 1
 
 
 NOISE = {"kind": "ornstein_uhlenbeck", "base": {"kind": "optimized"}}
