@@ -39,8 +39,10 @@ def moments(table: Table) -> Moments:
         if np.isnan(of_column[1]):  # of a column with values that are not finite
             of_column = _moments(x[np.isfinite(x)])
         found.append(of_column)
-    *floats, counts = (np.array(numbers) for numbers in zip(*found, strict=True))
-    return Moments(table.shape[1], *floats, counts)
+    mean, squares, low, high = (np.array([column[i] for column in found]) for i in range(4))
+    return Moments(
+        table.shape[1], mean, squares, low, high, np.array([column[4] for column in found], np.int64)
+    )
 
 
 def _moments(x: Table) -> tuple[float, float, float, float, int]:

@@ -49,7 +49,10 @@ class ShardSummary(NamedTuple):
 
 
 # Stands for the content of a shard that was not read.
-UNREAD = ShardSummary([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(5))), np.empty((0, 0)), 0)
+NONE = np.empty(0)
+UNREAD = ShardSummary(
+    [], NONE, Moments(0, NONE, NONE, NONE, NONE, np.empty(0, np.int64)), np.empty((0, 0)), 0
+)
 
 
 class WrittenShard(NamedTuple):
