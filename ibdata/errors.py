@@ -57,6 +57,10 @@ class UsageError(IbdataError):
     exit_code = 2
 
 
+class ArgumentError(UsageError, TypeError):
+    """An argument has an unknown name or another type; as a `TypeError`, it is what Python raises then."""
+
+
 class PolicyError(IbdataError):
     """A policy cannot be loaded, raised an exception, or returned no valid action or log density."""
 

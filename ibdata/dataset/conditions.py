@@ -30,10 +30,9 @@ def known_of(what: str, names: Any, known: Sequence[Any]) -> list[Any]:
     ([70], ['safe'])
     """
     values = list(names) if np.ndim(names) else [names]
-    if not values:
-        raise UsageError(f"{what}: found an empty list{_expected('', known)}")
+    members = set(known)  # of which there may be thousands
     for value in values:
-        if value not in known:
+        if value not in members:
             raise UsageError(f"{what}: found {_shown(value)}{_expected(value, known)}")
     return values
 

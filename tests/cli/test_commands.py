@@ -80,6 +80,13 @@ def test_a_dataset_that_is_not_there_is_exit_code_3(run, line, message):
     assert (code, out, message in err) == (3, "", True)
 
 
+@pytest.mark.parametrize("part", ["5-", "-5", "5-3", "-", "", "1-2-3", "1.5"])
+def test_a_range_of_episodes_has_two_ends(run, data, part):
+    code, _, said = run("stats", str(data), "--episodes", f"0,{part}")
+    assert code == 2
+    assert f"--episodes: found {part!r}, expected a number, or a range such as 0-9" in said
+
+
 def test_generate_prints_the_dataset_on_stdout_only(run):
     ibdata.generate("random", "compiled", overrides=["steps=3"], workers=1)  # which says so, the first time
     code, out, err = run("generate", "random", *TINY)

@@ -66,7 +66,7 @@ def test_columns_come_in_the_order_asked_for(dataset):
 
 
 @splits
-@pytest.mark.parametrize("batch_rows", [1, 33, 100_000])
+@pytest.mark.parametrize("batch_rows", [1, 33, 2**70])
 def test_batches_are_the_rows_in_order_and_not_too_long(dataset, split, batch_rows):
     batches = list(dataset.iter_batches(["episode", "step", "reward"], split, batch_rows))
     assert max(batch.num_rows for batch in batches) <= min(batch_rows, 80)
@@ -140,6 +140,8 @@ def test_head_reads_on_from_a_row_to_the_end(dataset, at):
     found = dataset.head(40, at=at).to_pandas(ignore_metadata=True)
     assert found.equals(frame.iloc[first : first + 40].reset_index(drop=True))
     assert dataset.head(2, ["reward"]).num_rows == 2
+    assert dataset.head(2**70, at=at).num_rows == len(frame) - first
+    assert dataset.head(2**70).num_rows == len(frame)
 
 
 HISTORY = "history: found {}, expected a whole number of at least 1"
