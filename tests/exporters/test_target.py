@@ -1,6 +1,8 @@
 """For every format: an export is complete or absent, and replaces another one only when that is said."""
 
+import io
 import os
+from itertools import count
 
 import pytest
 from exporters.reading import holds, one_setpoint
@@ -80,6 +82,29 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     assert "cannot be written" in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("to", ["lerobot", "neorl", "npz"])
+def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, monkeypatch):
+    """zipfile, which fails to open a file to add to it, empties it, and goes on."""
+    split, real, numbers = one_setpoint(to), io.open, count(1)
+
+    def once(file, mode="r", *args, **options):
+        if set(mode) & set("awx+") and str(tmp_path) in str(file) and next(numbers) == fails:
+            raise OSError(5, "stale")
+        return real(file, mode, *args, **options)
+
+    monkeypatch.setattr(io, "open", once)
+    for fails in count(1):
+        numbers = count(1)
+        try:
+            made = ibdata.export(dataset, to, tmp_path / f"{fails}", split=split)
+        except IbdataError as error:
+            assert "stale" in str(error)
+            continue
+        break
+    assert next(numbers) == fails > 1  # nothing failed
+    holds(made, dataset, split, made.history)
 
 
 def test_only_an_export_is_replaced(dataset, tmp_path):
