@@ -13,7 +13,7 @@ from exporters.reading import equal
 
 import ibdata
 from ibdata.dataset.reference_returns import scale
-from ibdata.errors import UsageError
+from ibdata.errors import IbdataError, UsageError
 
 
 class Storage:
@@ -72,6 +72,12 @@ def exported(tmp_path, monkeypatch):
         return Storage.made
 
     return export
+
+
+def test_what_minari_loses_is_an_error(long, exported, monkeypatch):
+    monkeypatch.setattr(Storage, "harmed", lambda self, file: file.__delitem__("episode_3/infos/latent_mu_v"))
+    with pytest.raises(IbdataError, match="long-v0: cannot be written: HDF5 has lost what it wrote"):
+        exported(long)
 
 
 def test_a_minari_dataset_of_others_is_not_replaced(long, exported, tmp_path):

@@ -4,6 +4,7 @@ import io
 import os
 from itertools import count
 
+import h5py
 import pytest
 from exporters.reading import holds, one_setpoint
 from helpers import python
@@ -105,6 +106,22 @@ def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, mo
         break
     assert next(numbers) == fails > 1  # nothing failed
     holds(made, dataset, split, made.history)
+
+
+@pytest.mark.parametrize("to", ["d3rlpy", "d4rl"])
+def test_what_hdf5_loses_is_an_error(dataset, tmp_path, to, monkeypatch):
+    """It closes a file without a word after a write that the system refused."""
+    close = h5py.File.__exit__
+
+    def losing(file, *args):
+        if file.mode == "r+":
+            file["rewards_11" if to == "d3rlpy" else "rewards"][-1] = 1.0
+        close(file, *args)
+
+    monkeypatch.setattr(h5py.File, "__exit__", losing)
+    with pytest.raises(IbdataError, match="made: cannot be written: HDF5 has lost what it wrote"):
+        ibdata.export(dataset, to, tmp_path / "made")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_only_an_export_is_replaced(dataset, tmp_path):
