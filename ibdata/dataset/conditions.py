@@ -47,7 +47,7 @@ def _one_of(value: Any, known: Sequence[Any]) -> str:
 
 
 def _shown(value: Any) -> str:
-    return exact(float(value)) if isinstance(value, Real) else repr(value)
+    return exact(value) if isinstance(value, Real) else repr(value)
 
 
 def checked_columns(columns: Columns, info: Info) -> list[str]:

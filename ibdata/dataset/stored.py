@@ -21,12 +21,12 @@ from ibdata.system.storage import Storage, damaged, reason, storage
 INFO = "meta/dataset.json"
 STATISTICS = "meta/statistics.json"
 EPISODES = "meta/episodes.parquet"
-EPISODE_SCHEMA = pa.schema(
+_EPISODE_SCHEMA = pa.schema(
     [
         ("episode", pa.int64()),
         ("cell", pa.dictionary(pa.int32(), pa.string())),
         ("index", pa.int64()),
-        ("setpoint", pa.float64()),
+        ("setpoint", pa.float32()),  # or float64, see `episode_schema`
         ("policy", pa.dictionary(pa.int32(), pa.string())),
         ("acting", pa.dictionary(pa.int32(), pa.string())),  # of a mixture, the policy drawn for the episode
         ("splits", pa.list_(pa.string())),
@@ -38,6 +38,11 @@ EPISODE_SCHEMA = pa.schema(
         ("digest", pa.binary(32)),
     ]
 )
+
+
+def episode_schema(dtype: str) -> pa.Schema:
+    """The columns of the table of episodes, whose setpoints have the type of the rows' floats."""
+    return _EPISODE_SCHEMA.set(3, pa.field("setpoint", pa.type_for_alias(dtype)))
 
 
 class Stored:
@@ -110,8 +115,11 @@ class Stored:
     def episodes(self) -> pa.Table:
         """meta/episodes.parquet: a row for each episode; of the splits, the declared ones."""
         data, episodes = self.read(EPISODES), self.manifest.shards[-1].episodes[1]
-        table = parquet.read(self.storage, EPISODES, EPISODE_SCHEMA.names, rows=episodes, data=data)
-        if not table.schema.equals(EPISODE_SCHEMA) or any(column.null_count for column in table.columns):
+        table = parquet.read(self.storage, EPISODES, _EPISODE_SCHEMA.names, rows=episodes, data=data)
+        schema = episode_schema("float64" if self._types(None).get("obs_setpoint") == "float64" else "float32")
+        if table.schema.equals(episode_schema("float64")):  # as earlier versions have it for any rows
+            table = table.cast(schema)
+        if not table.schema.equals(schema) or any(column.null_count for column in table.columns):
             problem = "found other columns than ibdata writes; see ibdata validate"
             raise damaged(self.storage, EPISODES, problem)
         return table

@@ -161,7 +161,7 @@ def _environment(view: View, experiments: list[dict[str, Any]]) -> Any:
     kwargs: dict[str, Any] = {"history": view.history, "dynamics": dynamics, "start": start}
     if shown := view.options.changed():
         kwargs["view"] = shown
-    setpoints = view.table["setpoint"].unique().tolist()
+    setpoints = view.setpoints
     if view.info.drifting:
         kwargs["setpoint"] = {"drifting": setpoints[0]} if len(setpoints) == 1 else "drifting"
     elif len(setpoints) == 1:
@@ -195,7 +195,7 @@ def _references(view: View) -> dict[str, float]:
     if view.options.reward.kind != "classic" or view.left_out or len(lengths) > 1 or unequal:
         return {}
     scale = scale_of(view.info, lengths[0])
-    ends = scale.ends(view.table["setpoint"].unique().tolist()) if scale else None
+    ends = scale.ends(view.setpoints) if scale else None
     if ends is None:
         return {}
     low, high = ends
