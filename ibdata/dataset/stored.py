@@ -26,7 +26,7 @@ _EPISODE_SCHEMA = pa.schema(
         ("episode", pa.int64()),
         ("cell", pa.dictionary(pa.int32(), pa.string())),
         ("index", pa.int64()),
-        ("setpoint", pa.float32()),  # or float64, see `episode_schema`
+        ("setpoint", pa.float32()),  # or float64
         ("policy", pa.dictionary(pa.int32(), pa.string())),
         ("acting", pa.dictionary(pa.int32(), pa.string())),  # of a mixture, the policy drawn for the episode
         ("splits", pa.list_(pa.string())),
@@ -40,8 +40,11 @@ _EPISODE_SCHEMA = pa.schema(
 )
 
 
+SETPOINT_TYPES = ("float32", "float64")
+
+
 def episode_schema(dtype: str) -> pa.Schema:
-    """The columns of the table of episodes, whose setpoints have the type of the rows' floats."""
+    """The columns of the table of episodes, whose setpoints have this type."""
     return _EPISODE_SCHEMA.set(3, pa.field("setpoint", pa.type_for_alias(dtype)))
 
 
@@ -116,10 +119,8 @@ class Stored:
         """meta/episodes.parquet: a row for each episode; of the splits, the declared ones."""
         data, episodes = self.read(EPISODES), self.manifest.shards[-1].episodes[1]
         table = parquet.read(self.storage, EPISODES, _EPISODE_SCHEMA.names, rows=episodes, data=data)
-        schema = episode_schema("float64" if self._types(None).get("obs_setpoint") == "float64" else "float32")
-        if table.schema.equals(episode_schema("float64")):  # as earlier versions have it for any rows
-            table = table.cast(schema)
-        if not table.schema.equals(schema) or any(column.null_count for column in table.columns):
+        known = table.schema in map(episode_schema, SETPOINT_TYPES)
+        if not known or any(column.null_count for column in table.columns):
             problem = "found other columns than ibdata writes; see ibdata validate"
             raise damaged(self.storage, EPISODES, problem)
         return table

@@ -129,7 +129,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         parts = zip(shards, address, strict=True)
         return np.concatenate([values[shard.experiment][cell] for shard, (cell, _) in parts])
 
-    dtype = spec.experiments[0].output.dtype
+    dtype = _setpoint_type(spec)
     length = np.repeat([e.steps for e in experiments], counts)
     row_start = np.concatenate([np.arange(n) * e.steps for n, e in zip(counts, experiments, strict=True)])
     digests = [digest for w in written for digest in w.content.digests]
@@ -149,6 +149,13 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         pa.Array.from_buffers(pa.binary(32), len(digests), [None, pa.py_buffer(b"".join(digests))]),
     ]
     return pa.table(arrays, schema=episode_schema(dtype))
+
+
+def _setpoint_type(spec: DatasetSpec) -> str:
+    """That of the rows, to which the table is joined, unless it makes two setpoints one."""
+    dtype = spec.experiments[0].output.dtype
+    points = {cell.setpoint for experiment in spec.experiments for cell in experiment.cells}
+    return dtype if len(set(np.array(list(points), dtype).tolist())) == len(points) else "float64"
 
 
 def _acting(spec: DatasetSpec, shards: list[Shard]) -> pa.Array:
