@@ -46,7 +46,7 @@ def _expected(value: Any, known: Sequence[Any]) -> str:
 
 
 def _shown(value: Any) -> str:
-    return exact(float(value)) if isinstance(value, Real) else repr(value)
+    return exact(value) if isinstance(value, Real) else repr(value)
 
 
 def checked_columns(columns: Columns, info: Info) -> list[str]:

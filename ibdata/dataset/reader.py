@@ -14,7 +14,7 @@ from ibdata.dataset.splits import Splits
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, as_html
 from ibdata.errors import printable
-from ibdata.numerics.naming import counted
+from ibdata.numerics.naming import counted, decimal
 from ibdata.system.storage import existing
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Dataset(Readable):
             "rows": info.counts.rows,
             "episodes": info.counts.episodes,
             "policies": episodes["policy"].unique().to_pylist(),
-            "setpoints": episodes["setpoint"].unique().to_pylist(),
+            "setpoints": [decimal(p) for p in episodes["setpoint"].unique().to_numpy()],
             "content root": f"{self.content_root[:12]}…",
             "in": self.place,
         }

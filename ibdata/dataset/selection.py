@@ -158,7 +158,9 @@ def meeting(table: pa.Table, setpoint: Setpoint, policy: Policy, numbers: Number
     mask = np.ones(len(table), dtype=np.bool_)
     if setpoint is not None:
         values = table["setpoint"].to_numpy()
-        mask &= np.isin(values, known_of("setpoint", setpoint, np.unique(values).tolist()))
+        with np.errstate(over="ignore"):  # 20.1 is the float32 nearest to it, as NumPy compares Python's numbers
+            points = known_of("setpoint", np.asarray(setpoint).tolist(), list(np.unique(values)))
+        mask &= np.isin(values, np.array(points, values.dtype))
     if policy is not None:
         labels = table["policy"].combine_chunks()
         names = labels.dictionary.to_pylist()

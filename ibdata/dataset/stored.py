@@ -22,12 +22,12 @@ from ibdata.system.storage import Storage, damaged, reason, storage
 INFO = "meta/dataset.json"
 STATISTICS = "meta/statistics.json"
 EPISODES = "meta/episodes.parquet"
-EPISODE_SCHEMA = pa.schema(
+_EPISODE_SCHEMA = pa.schema(
     [
         ("episode", pa.int64()),
         ("cell", pa.dictionary(pa.int32(), pa.string())),
         ("index", pa.int64()),
-        ("setpoint", pa.float64()),
+        ("setpoint", pa.float32()),  # or float64
         ("policy", pa.dictionary(pa.int32(), pa.string())),
         ("acting", pa.dictionary(pa.int32(), pa.string())),  # of a mixture, the policy drawn for the episode
         ("splits", pa.list_(pa.string())),
@@ -39,6 +39,14 @@ EPISODE_SCHEMA = pa.schema(
         ("digest", pa.binary(32)),
     ]
 )
+
+
+SETPOINT_TYPES = ("float32", "float64")
+
+
+def episode_schema(dtype: str) -> pa.Schema:
+    """The columns of the table of episodes, whose setpoints have this type."""
+    return _EPISODE_SCHEMA.set(3, pa.field("setpoint", pa.type_for_alias(dtype)))
 
 
 class Stored:
@@ -111,8 +119,9 @@ class Stored:
     def episodes(self) -> pa.Table:
         """meta/episodes.parquet: a row for each episode; of the splits, the declared ones."""
         data, episodes = self.read(EPISODES), self.manifest.shards[-1].episodes[1]
-        table = parquet.read(self.storage, EPISODES, EPISODE_SCHEMA.names, rows=episodes, data=data)
-        if not table.schema.equals(EPISODE_SCHEMA) or any(column.null_count for column in table.columns):
+        table = parquet.read(self.storage, EPISODES, _EPISODE_SCHEMA.names, rows=episodes, data=data)
+        known = table.schema in map(episode_schema, SETPOINT_TYPES)
+        if not known or any(column.null_count for column in table.columns):
             problem = "found other columns than ibdata writes; see ibdata validate"
             raise damaged(self.storage, EPISODES, problem)
         return table

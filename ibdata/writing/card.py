@@ -135,12 +135,23 @@ def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
         "configs:",
         "  - config_name: default",
         "    default: true",
-        "    data_files: data/part-*.parquet",
+        "    data_files:",
     ]
-    for name in spec.declared:  # Hugging Face knows splits that are whole files
-        lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
-        lines += [f"      - {w.entry.path}" for w in written if name in w.shard.splits]
+    parts = {name: [w.entry.path for w in written if name in w.shard.splits] for name in spec.declared}
+    disjoint = all(len(w.shard.splits) == 1 for w in written)  # and all that there is
+    if not disjoint:
+        lines += _data_files("everything" if parts else "train", ["data/part-*.parquet"])
+    for name, paths in parts.items():
+        if not disjoint:
+            lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
+        lines += _data_files(name, paths)
     return "\n".join([*lines, "---", ""])
+
+
+def _data_files(split: str, paths: Sequence[str]) -> list[str]:
+    """The lines of a split that is whole files, under a name that Hugging Face admits."""
+    name = "all_" if split == "all" else split.replace("-", "_")
+    return [f"      - split: {yaml_name(name)}", "        path:", *(f"          - {path}" for path in paths)]
 
 
 def _text(spec: DatasetSpec, root: str) -> str:

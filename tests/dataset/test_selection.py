@@ -95,6 +95,28 @@ def assert_rows(rows, expected, **conditions):
     assert arrays["observations"].shape == (len(expected), 12)
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_setpoint_that_float32_cannot_hold_is_found_and_joined(describe, made_at, tmp_path, dtype):
+    """The rows and the table of episodes have one type and value; 20.1 stays 20.1 for people."""
+    experiment = describe(setpoints=[20.1, 70], output={"dtype": dtype})
+    dataset = made_at(experiment, tmp_path / "odd")
+    files = (pd.read_parquet(dataset.path / part) for part in ("data", "meta/episodes.parquet"))
+    for rows, episodes in (files, (dataset.to_pandas(), dataset.episodes)):
+        assert rows["obs_setpoint"].dtype == episodes["setpoint"].dtype == dtype
+        keys = {"left_on": ["episode", "obs_setpoint"], "right_on": ["episode", "setpoint"]}
+        assert len(rows.merge(episodes, **keys)) == len(rows) == 480
+    stored = np.dtype(dtype).type(20.1)
+    for setpoint in (20.1, np.float64(20.1), [20.1], pd.Series([20.1]), stored, float(stored)):
+        assert len(dataset.select(setpoint=setpoint)) == 240
+    filters = [("obs_setpoint", "==", stored)]
+    assert len(pd.read_parquet(dataset.path / "data", filters=filters)) == 240
+    with pytest.raises(UsageError, match=r"found 20.3, expected one of 20.1, 70; did you mean '20.1'"):
+        dataset.select(setpoint=20.3)
+    assert {r["setpoint"] for r in dataset.returns()["results"]} == {20.1, 70.0}
+    split = ibdata.split(dataset.path, "setpoint", source=[70], target=[20.1])
+    assert (split.splits["target"]["rows"], ibdata.validate(split)) == (240, [])
+
+
 @pytest.mark.parametrize(
     ("choice", "line"),
     [
