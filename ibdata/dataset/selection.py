@@ -26,7 +26,7 @@ from ibdata.dataset.stored import Stored
 from ibdata.dataset.transitions import Transitions, needed, transitions, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS
 from ibdata.errors import UsageError, printable
-from ibdata.numerics.naming import counted
+from ibdata.numerics.naming import counted, decimal
 from ibdata.numerics.whole_numbers import within
 from ibdata.views.options import ViewOptions
 
@@ -158,9 +158,10 @@ def meeting(table: pa.Table, setpoint: Setpoint, policy: Policy, numbers: Number
     mask = np.ones(len(table), dtype=np.bool_)
     if setpoint is not None:
         values = table["setpoint"].to_numpy()
-        with np.errstate(over="ignore"):  # 20.1 is the float32 nearest to it, as NumPy compares Python's numbers
-            points = known_of("setpoint", np.asarray(setpoint).tolist(), list(np.unique(values)))
-        mask &= np.isin(values, np.array(points, values.dtype))
+        with np.errstate(over="ignore"):  # of the column's type, in which 20.1 is the number nearest to it
+            points = np.array(setpoint, values.dtype).ravel()
+        known_of("setpoint", list(map(decimal, points)), list(map(decimal, np.unique(values))))
+        mask &= np.isin(values, points)
     if policy is not None:
         labels = table["policy"].combine_chunks()
         names = labels.dictionary.to_pylist()

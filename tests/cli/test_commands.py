@@ -132,9 +132,9 @@ def test_a_suite_is_made_in_a_folder_of_its_name(run, tmp_path):
 FEW = ("--episodes", "5", "--steps", "20")
 COLUMNS = [
     "policy", "setpoint", "episodes", "mean_return", "standard_error", "interval", "p10", "mean_reward",
-    "score", "score_error", "expert_score", "clipped", "mean_cost", "violations",
+    "score", "score_error", "expert_score", "clipped", "mean_cost", "cost_error", "violations",
 ]  # fmt: skip
-HIDDEN = ("interval", "clipped", "mean_cost", "violations")  # in tables
+HIDDEN = ("interval", "clipped", "mean_cost", "cost_error", "violations")  # in tables
 
 
 def test_evaluate_prints_results_differences_and_the_scale(run):
