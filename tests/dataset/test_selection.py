@@ -110,7 +110,7 @@ def test_a_setpoint_that_float32_cannot_hold_is_found_and_joined(describe, made_
         assert len(dataset.select(setpoint=setpoint)) == 240
     filters = [("obs_setpoint", "==", stored)]
     assert len(pd.read_parquet(dataset.path / "data", filters=filters)) == 240
-    with pytest.raises(UsageError, match=r"found 20.3, expected one of 20.1, 70; did you mean '20.1'"):
+    with pytest.raises(UsageError, match=r"found 20.3, expected one of 20.1, 70"):
         dataset.select(setpoint=20.3)
     assert {r["setpoint"] for r in dataset.returns()["results"]} == {20.1, 70.0}
     split = ibdata.split(dataset.path, "setpoint", source=[70], target=[20.1])
