@@ -8,6 +8,7 @@ $IBDATA_BRIDGES, by default ~/.cache/ibdata/bridges.
 import os
 import re
 import shutil
+import subprocess
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -16,6 +17,7 @@ import nox
 
 nox.options.envdir = os.environ.get("IBDATA_BRIDGES") or str(Path.home() / ".cache" / "ibdata" / "bridges")
 nox.options.reuse_venv = "yes"
+NEW = "3.12"  # the newest NumPy wants at least this Python
 CLEAN = {"PYTHONPATH": None, "OMP_NUM_THREADS": "1"}  # torch would use all processors in each Ray process
 
 
@@ -59,8 +61,27 @@ def core(session: nox.Session, oldest: bool) -> None:
     session.run("python", "-m", "pytest", *arguments, env=CLEAN)
 
 
+def newest_python() -> str | None:
+    """The newest Python that pyproject.toml names and this machine has, on the PATH or in pyenv."""
+    versions = re.findall(r":: (3\.\d+)", Path("pyproject.toml").read_text())
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv", "versions")
+    for version in reversed(versions[versions.index(NEW) :]):
+        for path in (f"python{version}", *sorted(pyenv.glob(f"{version}.*/bin/python"))):
+            # pyenv has a command for each Python, and most of them say only that it is not chosen
+            if shutil.which(path) and subprocess.run([path, "-c", ""], capture_output=True).returncode == 0:
+                return str(path)
+    return None
+
+
+def newest(session: nox.Session) -> None:
+    """Run the tests of the core with the newest versions, under the newest Python."""
+    if session.python is None:
+        session.error(f"found no Python {NEW} or newer, on the PATH or in pyenv; install one")
+    core(session, oldest=False)
+
+
 nox.session(partial(core, oldest=True), name="oldest")
-nox.session(partial(core, oldest=False), name="newest")
+nox.session(newest, python=newest_python())
 
 
 @nox.session

@@ -10,7 +10,7 @@ from numbers import Real
 from types import SimpleNamespace, UnionType
 from typing import Annotated, Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from ibdata.errors import UsageError, excerpt, nearest
+from ibdata.errors import ArgumentError, excerpt, nearest
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -31,13 +31,17 @@ OTHERS = "**"  # the name that stands for further options
 WRONG = object()  # in place of a value of another type
 
 
-def public(function: Callable[P, R], keys: Iterable[str] = ()) -> Callable[P, R]:
-    """Check the arguments of each call: UsageError for an unknown name, or another type than the annotated.
+def public(
+    function: Callable[P, R], keys: Iterable[str] = (), unknown: str = "no such option"
+) -> Callable[P, R]:
+    """Check the arguments of each call: ArgumentError for an unknown name, or a type that is not annotated.
 
-    Numbers and arrays of numpy become numbers and lists of Python. True and False are no numbers. A type that
-    is imported for type checkers only is not checked. The text in an `Annotated` type is what is expected.
+    Numbers and arrays of numpy become numbers and lists of Python. True and False are no numbers. What is no
+    class, or is imported for type checkers only, is not checked. The text in an `Annotated` type is what is
+    expected.
 
-    The argument `overrides` of the function, if it has one, takes the keys.
+    The argument `overrides` of the function, if it has one, takes the keys. `unknown` is what is said of an
+    unknown name, which may stand in it as {}.
     """
 
     @wraps(function)
@@ -45,7 +49,7 @@ def public(function: Callable[P, R], keys: Iterable[str] = ()) -> Callable[P, R]
         types = _types(function)
         for name, value in options.items():
             if name not in types and OTHERS not in types:
-                raise UsageError(f"{name}: no such option{_meant(name, value, types, keys)}")
+                raise ArgumentError(f"{name}: {unknown.format(name)}{_meant(name, value, types, keys)}")
         given = [_taken(name, value, types[name]) for name, value in zip(types, args, strict=False)]
         named = {name: _taken(name, value, types.get(name, Any)) for name, value in options.items()}
         return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]
@@ -80,13 +84,13 @@ def _meant(name: str, value: Any, known: Iterable[str], keys: Iterable[str]) -> 
 
 
 def _taken(name: str, value: Any, kind: Any) -> Any:
-    """A value in a type, or in one of a union. Raises UsageError if it is of none."""
+    """A value in a type, or in one of a union. Raises ArgumentError if it is of none."""
     taken = _as(name, value, kind)
     if taken is WRONG:
         words = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
         *others, last = words or dict.fromkeys(_words(*member) for member in _kinds(kind))
         expected = f"{', '.join(others)} or {last}" if others else last
-        raise UsageError(f"{name}: found {excerpt(_plain(value))}, expected {expected}")
+        raise ArgumentError(f"{name}: found {excerpt(_plain(value))}, expected {expected}")
     return taken
 
 
@@ -101,11 +105,23 @@ def _words(kind: Any, inner: tuple[Any, ...]) -> str:
 @cache
 def _kinds(kind: Any) -> tuple[tuple[Any, tuple[Any, ...]], ...]:
     """The types of a union, or the one type, each with its arguments; none if any value will do."""
-    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
-    union = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    if any(member is Any or getattr(get_origin(member), "_is_protocol", False) for member in union):
-        return ()  # as for array-likes
-    return tuple((get_origin(member) or member, get_args(member)) for member in union)
+    members = tuple((get_origin(member) or member, get_args(member)) for member in _members(kind))
+    is_checked = all(
+        isinstance(each, type) and each is not Any and not getattr(each, "_is_protocol", False)
+        for each, _ in members
+    )
+    return members if is_checked else ()  # not for array-likes
+
+
+def _members(kind: Any) -> list[Any]:
+    """The types of a union, or the one type, with what an alias stands for in its place."""
+    origin = get_origin(kind)
+    if origin is Annotated:
+        return _members(get_args(kind)[0])
+    if origin in (Union, UnionType):
+        return [member for each in get_args(kind) for member in _members(each)]
+    alias = origin or kind  # of a `type` statement, as numpy has them from 2.5 on
+    return _members(alias.__value__) if hasattr(alias, "__value__") else [kind]
 
 
 def _plain(value: Any) -> Any:
@@ -137,10 +153,20 @@ def _as_one(name: str, value: Any, kind: Any, inner: tuple[Any, ...]) -> Any:
     if kind in (Sequence, tuple):
         if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping):
             return WRONG
-        values = [_as(name, item, inner[0]) for item in value]
-        return WRONG if any(item is WRONG for item in values) else values
+        return _items(name, list(value), inner[0])
     if not isinstance(value, kind):
         return WRONG
     if kind is Mapping:
         return {key: _taken(f"{name}: {key}", item, inner[1]) for key, item in value.items()}
     return value
+
+
+def _items(name: str, values: list[Any], kind: Any) -> Any:
+    """The items of a list in a type; WRONG if one is not. Millions of numbers take no call for each."""
+    types, known = set(map(type, values)), {member for member, inner in _kinds(kind) if not inner}
+    if types <= known or (float in known and types <= {int, float}):
+        return values
+    if int in known and types == {float}:
+        return list(map(math.floor, values)) if all(map(float.is_integer, values)) else WRONG
+    taken = [_as(name, item, kind) for item in values]
+    return WRONG if any(item is WRONG for item in taken) else taken

@@ -57,6 +57,10 @@ class UsageError(IbdataError):
     exit_code = 2
 
 
+class ArgumentError(UsageError, TypeError):
+    """An argument has an unknown name or another type; as a `TypeError`, it is what Python raises then."""
+
+
 class PolicyError(IbdataError):
     """A policy cannot be loaded, raised an exception, or returned no valid action or log density."""
 
@@ -93,6 +97,13 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     """'; did you mean …?' if a known word is similar, else an empty text."""
     near = nearest(word, known)
     return "" if near in (None, word) else f"; did you mean {near!r}?"
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """'; did you mean …?' if a known word is similar, else ', expected …' with the known words."""
+    known = list(known)
+    one_of = "one of " if len(known) > 1 else ""
+    return suggestion(word, known) or f", expected {one_of}{', '.join(known)}"
 
 
 def nearest(word: str, known: Iterable[str]) -> str | None:

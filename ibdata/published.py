@@ -41,6 +41,10 @@ START = {"v": 50.0, "g": 50.0, "h": 50.0, "gs_domain": 1, "gs_sys_response": 1, 
 OBSERVED = {"setpoint": "p", "velocity": "v", "gain": "g", "shift": "h", "fatigue": "f", "consumption": "c"}
 HIDDEN = {"ml1": "gs_domain", "ml2": "gs_sys_response", "ml3": "gs_phi_idx", "hv": "hv", "hg": "hg"}
 
+# Of `allStates`, as in the authors' repository; the package does not have it.
+ALL = ("p", "v", "g", "h", "f", "c", "reward", "coc", "he", "ge", "ve", "MC", "fb", "oc", "gs_domain",
+       "gs_sys_response", "gs_phi_idx")  # fmt: skip
+
 QUIET = dict.fromkeys(Noise._fields, 0.0)
 NO_EVENT = 1.0 - 2.0**-53  # the uniform draw that is below no probability
 
@@ -75,6 +79,14 @@ class IDS:
     def markovState(self) -> Floats:
         """All values of `state`, in its order: first the ten operational costs, the oldest first."""
         return np.hstack(list(self.state.values()))
+
+    def allStates(self) -> Floats:
+        """17 values of `state` in the order of the authors' tests, see `ALL`."""
+        return np.array([self.state[key] for key in ALL])
+
+    def operational_cost_Buffer(self) -> Floats:
+        """A copy of the ten operational costs, the oldest first."""
+        return np.array(self.state["o"])
 
     def defineNewSequence(self) -> None:
         """Draw the next segment of a moving setpoint: its length and its rate."""
@@ -235,7 +247,7 @@ class IBGym(Env):
         self.IB = IDS(self.setpoint, inital_seed=self.init_seed if seed is None else seed)
         self.init_seed = np.random.randint(0, 100000)
         self.observation: Any = []
-        observation = self._observe()
+        observation = self._update_observation()
         self.info = self._markovian_state()
         self.reward = self.smoothed_reward = self.IB.state["reward"]
         self.delta_reward = 0.0
@@ -251,7 +263,7 @@ class IBGym(Env):
             self.reset()
         self.last_action = action
         self.IB.step(self.env_action[action] if self.action_type == "discrete" else action)
-        observation, reward = self._observe(), self.IB.state["reward"]
+        observation, reward = self._update_observation(), self.IB.state["reward"]
         self.delta_reward, self.reward = reward - self.reward, reward
         self.smoothed_reward = 0.9 * self.smoothed_reward + 0.1 * reward
         self.env_steps += 1
@@ -269,7 +281,7 @@ class IBGym(Env):
     def close(self) -> None:
         """Do nothing."""
 
-    def _observe(self) -> Floats:
+    def _update_observation(self) -> Floats:
         frame = self.IB.visibleState()[:-2]
         if self.observation_type == "classic":
             self.observation = frame

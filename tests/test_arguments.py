@@ -5,9 +5,11 @@ from __future__ import annotations
 import inspect
 import os
 import re
+import sys
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +35,7 @@ FUNCTIONS = {
     **DATASET,
     **{each.__name__: each for each in (settings, check_policy, plot, card, view_options)},
 }
+UNKNOWN = {"settings": "got an unexpected keyword argument {!r}"}  # in Python's words
 NUMBER = r"\b(int|float|Setpoint)\b"
 EXPERIMENT = {"name": "x", "setpoints": [20, 70], "policies": ["random", "safe"], "steps": 6, "episodes": 4}
 
@@ -45,13 +48,15 @@ def dataset(tmp_path_factory):
 def refusal(call: Callable[[], Any]) -> str:
     with pytest.raises(UsageError) as caught:
         call()
+    assert isinstance(caught.value, ValueError)  # or a TypeError, too
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_an_unknown_option_is_one_line(name):
-    assert refusal(lambda: FUNCTIONS[name](zzzzz=1)).startswith("zzzzz: no such option; expected ")
+    said = refusal(lambda: FUNCTIONS[name](zzzzz=1))
+    assert said.startswith(f"zzzzz: {UNKNOWN.get(name, 'no such option').format('zzzzz')}; expected ")
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -59,7 +64,8 @@ def test_a_misspelt_option_is_recognised(name):
     for option in inspect.signature(FUNCTIONS[name]).parameters:
         if option != "self" and len(option) > 2:
             said = refusal(lambda option=option: FUNCTIONS[name](**{f"{option}z": 1}))
-            assert said == f"{option}z: no such option; did you mean {option!r}?"
+            unknown = UNKNOWN.get(name, "no such option").format(f"{option}z")
+            assert said == f"{option}z: {unknown}; did you mean {option!r}?"
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -201,7 +207,7 @@ NUMBERS = {
             history=number(2),
         ).returns
     ),
-    "state_at": lambda number, ds, out: ibdata.state_at(ds, number([1, 2])).fatigue,
+    "state_at": lambda number, ds, out: ibdata.state_at(ds, number([1, 2, 3])).fatigue,
     "score_model": lambda number, ds, out: (
         ibdata.score_model(
             ds, fatigue_and_consumption, steps=number([1, 2]), history=number(2), setpoint=number(70)
@@ -277,9 +283,12 @@ def taking(
     mapping: Mapping[str, float] | None = None,
     array: npt.ArrayLike | None = None,
     anything: Any = None,
+    reals: Sequence[float] = (),
+    numbers: int | npt.NDArray[Any] = 0,
+    letter: Literal["a"] | int = "a",
 ) -> tuple[Any, ...]:
     """A function with each kind of annotation."""
-    return (whole, real, several, texts, path, mapping, array, anything)
+    return (whole, real, several, texts, path, mapping, array, anything, reals, numbers, letter)
 
 
 GIVEN = [
@@ -294,6 +303,10 @@ GIVEN = [
     ("several", range(2), [0, 1]),
     ("several", iter([1]), [1]),
     ("several", pd.Series([3, 4]), [3, 4]),
+    ("several", np.array([]), []),
+    ("several", [1.0, 2], [1, 2]),
+    ("reals", [1, Fraction(1, 2)], [1, 0.5]),
+    ("reals", np.array([0.5, 2], dtype=np.float16), [0.5, 2.0]),
     ("texts", np.array(["a", "b"]), ["a", "b"]),
     ("texts", pd.Index(["a"]), ["a"]),
     ("mapping", {"a": np.float64(2)}, {"a": 2.0}),
@@ -314,7 +327,11 @@ WRONG = [
     ("real", "0.5", "real: found '0.5', expected a number or None"),
     ("several", "12", "several: found '12', expected a list of whole numbers"),
     ("several", [1, True], "several: found [1, True], expected a list of whole numbers"),
+    ("several", [1.0, 1.5], "several: found [1.0, 1.5], expected a list of whole numbers"),
+    ("reals", [0.5, True], "reals: found [0.5, True], expected a list of numbers"),
+    ("reals", [0.5, None], "reals: found [0.5, None], expected a list of numbers"),
     ("texts", 5, "texts: found 5, expected a word or words"),
+    ("numbers", "70", "numbers: found '70', expected a whole number or an array"),
     ("path", b"x", "path: found b'x', expected a text or a path"),
     ("mapping", {"a": "b"}, "mapping: a: found 'b', expected a number"),
     ("mapping", [1], "mapping: found [1], expected a mapping or None"),
@@ -327,13 +344,29 @@ def test_other_types_are_one_line(name, given, message):
     names = list(inspect.signature(taking).parameters)
     before = taking()[: names.index(name)]
     assert refusal(lambda: taking(*before, given)) == message
+    with pytest.raises(TypeError):
+        taking(**{name: given})
 
 
 def test_what_says_no_type_stays_as_it_is():
-    array, anything = np.ones(2), np.int64(3)
-    found = taking(array=array, anything=anything)
+    array, anything, letter = np.ones(2), np.int64(3), b"a"
+    found = taking(array=array, anything=anything, letter=letter)
     assert found[6] is array
     assert found[7] is anything
+    assert found[10] is letter
+
+
+@pytest.mark.parametrize("kind", [list, np.array, lambda x: np.array(x, dtype=np.float64)])
+def test_a_million_numbers_take_no_call_for_each(kind):
+    """Calls are counted, because times depend on the machine: some for the list, and none for an item."""
+    numbers, calls = kind(range(1_000_000)), Counter()
+    sys.setprofile(lambda frame, event, value: calls.update([event]))
+    try:
+        found = taking(several=numbers)[2]
+    finally:
+        sys.setprofile(None)
+    assert (len(found), found[-1], type(found[-1])) == (1_000_000, 999_999, int)
+    assert calls["call"] < 1000
 
 
 def test_a_missing_argument_is_python_s_own_error():

@@ -98,6 +98,31 @@ def test_the_probability_of_an_event_is_bounded(monkeypatch):
     assert probabilities[2::2] == [0.001, 0.999]
 
 
+def test_the_methods_of_the_authors_repository_have_its_order_and_are_copies():
+    ids = IDS(p=30, inital_seed=1)
+    ids.step([1.0, 1.0, -1.0])
+    state = ids.state
+    keys = "p v g h f c reward coc he ge ve MC fb oc gs_domain gs_sys_response gs_phi_idx"
+    assert ids.allStates().tolist() == [state[key] for key in keys.split()]
+    assert ids.operational_cost_Buffer().tolist() == state["o"].tolist()
+    assert not np.shares_memory(ids.operational_cost_Buffer(), state["o"])
+
+
+def test_a_script_may_ask_for_the_observation_again_or_replace_it():
+    """Wrappers write to `IB.state` and then call `_update_observation`; subclasses have their own."""
+    env = IBGym(70, observation_type="include_past", init_seed=0, n_past_timesteps=2)
+    env.IB.state["v"] = 10.0
+    assert env._update_observation()[[1, 7]].tolist() == [10.0, 50.0]
+    changed = type("Changed", (IBGym,), {"_update_observation": lambda self: self.IB.visibleState()[:1]})
+    assert changed(70).step(NOTHING)[0].tolist() == [70.0]
+
+
+def test_without_a_seed_neorl_s_numbers_are_those_of_the_seed_of_the_script():
+    """NeoRL's copy draws on from a script's own `np.random.seed(4)`, where the package seeds anew."""
+    env = IBGym(70, init_seed=4)
+    assert env.observation.tolist() == IDS(70, inital_seed=4).visibleState()[:6].tolist()
+
+
 def test_a_state_that_a_script_writes_is_continued():
     ids = IDS(p=30, inital_seed=1)
     ids.state.update(v=10.0, g=95.0, h=0.0, hv=4.9, gs_phi_idx=-6)

@@ -103,8 +103,8 @@ def _numbers(context: click.Context, option: click.Parameter, text: str | None) 
         return None
     numbers: list[int] = []
     for part in text.split(","):
-        first, _, last = part.strip().partition("-")
-        last = last or first
+        first, is_range, last = part.strip().partition("-")
+        last = last if is_range else first
         if not (first.isdecimal() and last.isdecimal() and 0 <= int(last) - int(first) < MOST_EPISODES):
             raise UsageError(f"--episodes: found {part!r}, expected a number, or a range such as 0-9")
         numbers += range(int(first), int(last) + 1)

@@ -10,6 +10,9 @@ import click
 
 from ibdata.errors import notice, suggestion
 
+# What other programs call a command, or what a command writes, and the command.
+MEANT = {"list": "ls", "report": "card", "check": "validate", "show": "info", "make": "generate"}
+
 
 class Suggesting(click.Group):
     """A group of commands that suggests a similar command in place of an unknown one."""
@@ -28,8 +31,10 @@ class Suggesting(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
-            known = suggestion(args[0], self.list_commands(ctx))
-            raise click.UsageError(f"No such command {args[0]!r}{known or '.'}", ctx=error.ctx) from None
+            word, known = args[0], self.list_commands(ctx)
+            meant = MEANT.get(word, "")
+            hint = f"; did you mean {meant!r}?" if meant in known else suggestion(word, known) or "."
+            raise click.UsageError(f"No such command {word!r}{hint}", ctx=error.ctx) from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write each command with its whole summary, which may take several lines."""

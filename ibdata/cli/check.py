@@ -51,11 +51,13 @@ def validate_command(folder: Path | str, quick: bool, progress: bool | None) -> 
     ibdata validate data/random
     ibdata validate data/random --quick
     """
+    from ibdata.system.storage import existing
     from ibdata.validation.validate import validate
 
-    problems = validate(folder, quick, progress=progress)
-    fine = f"{folder}: valid" + (" (hashes only)" if quick else "")
-    return Checked(problems, fine, path=str(folder), valid=not problems)
+    place = existing(folder)
+    problems = validate(place, quick, progress=progress)
+    fine = f"{place}: valid" + (" (hashes only)" if quick else "")
+    return Checked(problems, fine, path=str(place), valid=not problems)
 
 
 @click.command("repair")
@@ -96,7 +98,9 @@ def reproduce_command(folder: Path, episodes: int | None, allow_code: bool) -> C
     ibdata reproduce data/random --episodes 3
     """
     from ibdata.maintenance.reproduce import reproduce
+    from ibdata.system.storage import existing
 
-    count, problems = reproduce(folder, episodes, allow_code)
-    fine = f"{folder}: {counted(count, 'episode')} made again, all the same"
-    return Checked(problems, fine, path=str(folder), episodes=count, same=not problems)
+    place = existing(folder)
+    count, problems = reproduce(place, episodes, allow_code)
+    fine = f"{place}: {counted(count, 'episode')} made again, all the same"
+    return Checked(problems, fine, path=str(place), episodes=count, same=not problems)

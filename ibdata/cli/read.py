@@ -11,8 +11,11 @@ from ibdata.cli._options import LOCAL, place_argument, selects, split_option
 from ibdata.cli._printing import Printed, Result, prints_result
 from ibdata.cli._results import Description
 from ibdata.dataset.tabular import transposed
+from ibdata.errors import notice
+from ibdata.numerics.naming import counted
 
 if TYPE_CHECKING:
+    from ibdata.dataset.readable import Readable
     from ibdata.dataset.selection import Selection
 
 MAX_ROWS = 1_000_000
@@ -47,7 +50,9 @@ def info_command(folder: Path | str) -> Result:
     """
     from ibdata.dataset.reader import Dataset
 
-    return Description(Dataset(folder))
+    dataset = Dataset(folder)
+    _name_lost_shards(dataset)
+    return Description(dataset)
 
 
 @click.command("head")
@@ -104,4 +109,12 @@ def stats_command(selection: Selection, of_quality: bool) -> Result:
 
         measures = quality(selection)
         return Printed({"quality": measures.plain()}, measures)
+    _name_lost_shards(selection)
     return selection.statistics()
+
+
+def _name_lost_shards(rows: Readable) -> None:
+    """Say on stderr that rows are missing, which what is printed does not need."""
+    if lost := rows.stored.lost_shards():
+        shards = counted(len(rows.stored.manifest.shards), "Parquet file")
+        notice(f"{rows.place}: {len(lost):,} of {shards} missing; see ibdata validate {rows.place}")

@@ -30,24 +30,23 @@ def known_of(what: str, names: Any, known: Sequence[Any]) -> list[Any]:
     ([70], ['safe'])
     """
     values = list(names) if np.ndim(names) else [names]
-    if not values:
-        raise UsageError(f"{what}: found an empty list, expected {_one_of('', known)}")
+    members = set(known)  # of which there may be thousands
     for value in values:
-        if value not in known:
-            raise UsageError(f"{what}: found {_shown(value)}, expected {_one_of(value, known)}")
+        if value not in members:
+            raise UsageError(f"{what}: found {_shown(value)}{_expected(value, known)}")
     return values
 
 
-def _one_of(value: Any, known: Sequence[Any]) -> str:
-    """The known names, and the one that is similar to the value."""
+def _expected(value: Any, known: Sequence[Any]) -> str:
+    """The known name that is similar to a name; else the known ones."""
     names = [_shown(name).strip("'") for name in known]
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    near = suggestion(_shown(value).strip("'"), names)
-    return f"one of {', '.join(names[:MOST_NAMES])}{more}{near}"
+    near = suggestion(value, names) if isinstance(value, str) else ""
+    return near or f", expected one of {', '.join(names[:MOST_NAMES])}{more}"
 
 
 def _shown(value: Any) -> str:
-    return exact(float(value)) if isinstance(value, Real) else repr(value)
+    return exact(value) if isinstance(value, Real) else repr(value)
 
 
 def checked_columns(columns: Columns, info: Info) -> list[str]:

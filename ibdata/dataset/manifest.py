@@ -15,7 +15,7 @@ from ibdata.dataset.models import Manifest, parse
 from ibdata.errors import DatasetError, UsageError, nearest, printable
 from ibdata.system.configs import shipped
 from ibdata.system.part import Part, resolved
-from ibdata.system.storage import Storage, local, reason, storage
+from ibdata.system.storage import Storage, in_data, local, reason, storage
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
@@ -57,14 +57,18 @@ def read(place: Any) -> Manifest:
 
 
 def _remedy(files: Storage) -> str:
-    """The command that makes a shipped dataset of this name, or a similar name beside it or in data/."""
+    """What may have been meant: a dataset in data/, around or beside the place, or one to be made."""
     if files.url is not None:
         return ""
-    for folder in (files.path, Path("data", files.name)):
-        if progress := Part(resolved(folder)).progress:
+    folder = Path(files.name)
+    below = in_data(folder) or folder
+    for place in (files.path, below):
+        if progress := Part(resolved(place)).progress:
             shards = "{} of {} shards".format(*progress)
             return f"; an unfinished run has {shards} here, and the same command goes on"
-    folder = Path(files.name)
+    for place in (below, *folder.parents):
+        if os.path.isfile(local(place) / PATH):
+            return f"; did you mean {str(place)!r}?"
     name = folder.as_posix().removeprefix("data/")
     if name in shipped():
         return f"; ibdata generate {name} makes data/{name}"

@@ -148,7 +148,7 @@ class Info(JsonObject):
 
 
 class Statistic(JsonObject):
-    """Statistics of a column; null for a value that is not finite."""
+    """Statistics of the rows of a column that have a number, which `count` counts; null if there are none."""
 
     count: Count
     mean: float | None

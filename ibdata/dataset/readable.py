@@ -89,7 +89,8 @@ class Readable(ABC):
         """The episodes that meet all of these conditions.
 
         Rows of the selection are read as those of the dataset: `ds.select("train").arrays()`. Functions that
-        take the rows of a dataset, such as `quality`, `importance` and `export`, take a selection too.
+        take the rows of a dataset, such as `quality`, `importance` and `export`, take a selection too. It may
+        be empty; only reading no rows is an error.
 
         Args:
             split: In this split, or in one of these.
@@ -195,7 +196,7 @@ class Readable(ABC):
                 for a split or a selection.
             DatasetError: A file is missing or damaged.
         """
-        checked_length(rows, "rows")
+        rows = min(checked_length(rows, "rows"), self.stored.manifest.rows)
         chosen = self._chosen(split)
         if at is None:
             batches = chosen.iter_batches(columns, batch_rows=rows)
@@ -222,7 +223,7 @@ class Readable(ABC):
 
         Raises UsageError if batch_rows is below 1.
         """
-        checked_length(batch_rows, "batch_rows")
+        batch_rows = min(checked_length(batch_rows, "batch_rows"), self.stored.manifest.rows)
         chosen = self._chosen(split, setpoint, policy)
         if view is None:
             return chosen.batches(checked_columns(columns, self.stored.info), batch_rows)

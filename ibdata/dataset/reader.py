@@ -7,13 +7,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from ibdata.arguments import public
+from ibdata.dataset import manifest
 from ibdata.dataset.readable import Readable
 from ibdata.dataset.selection import Selection
 from ibdata.dataset.splits import Splits
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, as_html
 from ibdata.errors import printable
-from ibdata.numerics.naming import counted
+from ibdata.numerics.naming import counted, decimal
 from ibdata.system.storage import existing
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ class Dataset(Readable):
     take a Dataset too.
 
     Args:
-        path: The folder, or a URL such as s3://bucket/name. If the folder is not there, it is looked for in
-            data/, so that the name of a shipped experiment finds its dataset.
+        path: The folder, or a URL such as s3://bucket/name. A plain name, without `..`, of which there is no
+            folder is looked for in data/, so that the name of a shipped experiment finds its dataset.
 
     Attributes:
         path: The folder, from the root; UsageError at a URL.
@@ -55,7 +56,7 @@ class Dataset(Readable):
             "rows": info.counts.rows,
             "episodes": info.counts.episodes,
             "policies": episodes["policy"].unique().to_pylist(),
-            "setpoints": episodes["setpoint"].unique().to_pylist(),
+            "setpoints": [decimal(p) for p in episodes["setpoint"].unique().to_numpy()],
             "content root": f"{self.content_root[:12]}…",
             "in": self.place,
         }
@@ -95,6 +96,13 @@ Rows = Dataset | Selection | str | os.PathLike[str]  # of which rows can be read
 def opened(place: Place) -> Dataset:
     """Return a dataset as it is, or open the one in a folder or at a URL."""
     return place if isinstance(place, Dataset) else Dataset(place)
+
+
+def to_write(place: Place) -> Dataset:
+    """Like `opened`, but a writer's folder is not looked for in data/."""
+    if not isinstance(place, Dataset):
+        manifest.read(place)
+    return opened(place)
 
 
 def readable(rows: Rows) -> Readable:

@@ -14,6 +14,7 @@ import pyarrow as pa
 from ibdata.dataset.models import Info
 from ibdata.dataset.reference_returns import scale_of
 from ibdata.numerics.confidence import estimate
+from ibdata.numerics.naming import decimal
 
 Ints = npt.NDArray[np.int64]
 Objects = npt.NDArray[np.object_]
@@ -66,14 +67,16 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
     """
     policies = episodes["policy"].to_pylist()
     # Arrow would import pandas for `to_numpy`, which takes longer than the rest of a small run.
-    names = ("setpoint", "return", "length")
-    setpoints, returns, lengths = (np.array(episodes[name].to_pylist()) for name in names)
+    setpoints, returns, lengths = (
+        np.array(episodes[name].to_pylist(), episodes[name].type.to_pandas_dtype())
+        for name in ("setpoint", "return", "length")
+    )
     cells = np.array(episodes["cell"].to_pylist(), dtype=object)
     scales = {steps: scale_of(info, steps) for steps in np.unique(lengths).tolist()}
     results: list[Result] = []
     for places in _of_equal(cells, lengths):
         estimated, first = estimate([returns[places]]), places[0]
-        setpoint, steps = float(setpoints[first]), int(lengths[first])
+        setpoint, steps = decimal(setpoints[first]), int(lengths[first])
         scale = scales[steps]
         results.append(
             {

@@ -26,7 +26,7 @@ from ibdata.dataset.stored import Stored
 from ibdata.dataset.transitions import Transitions, needed, transitions, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS
 from ibdata.errors import UsageError, printable
-from ibdata.numerics.naming import counted
+from ibdata.numerics.naming import counted, decimal
 from ibdata.numerics.whole_numbers import within
 from ibdata.views.options import ViewOptions
 
@@ -77,8 +77,10 @@ class Selection(Readable):
         has_others = any(condition is not None for condition in others)
         if split is None and not has_others:
             return self
-        splits = [] if split is None else known_splits(self.stored, split)
-        mask = self.inside & in_splits(self.stored, splits) & meeting(self.stored.episodes, *others)
+        mask, splits = self.inside & meeting(self.stored.episodes, *others), []
+        if split is not None:
+            splits = known_splits(self.stored, split)
+            mask &= in_splits(self.stored, splits)
         only = splits[0] if len(splits) == 1 and not has_others else None
         is_declared = only is not None and self.mask is None and self.stored.splits[only].declared
         return Selection(self.stored, mask, only if is_declared else None)
@@ -140,8 +142,8 @@ class Selection(Readable):
 
 
 def in_splits(stored: Stored, splits: Sequence[str]) -> Mask:
-    """Whether each episode is in one of these splits; all are if there are none."""
-    mask = np.full(len(stored.episodes), not splits)
+    """Whether each episode is in one of these splits."""
+    mask = np.zeros(len(stored.episodes), dtype=np.bool_)
     for split in splits:
         for first, stop in runs_of(split, stored.splits[split], stored.manifest):
             mask[first:stop] = True
@@ -156,7 +158,10 @@ def meeting(table: pa.Table, setpoint: Setpoint, policy: Policy, numbers: Number
     mask = np.ones(len(table), dtype=np.bool_)
     if setpoint is not None:
         values = table["setpoint"].to_numpy()
-        mask &= np.isin(values, known_of("setpoint", setpoint, np.unique(values).tolist()))
+        with np.errstate(over="ignore"):  # of the column's type, in which 20.1 is the number nearest to it
+            points = np.array(setpoint, values.dtype).ravel()
+        known_of("setpoint", list(map(decimal, points)), list(map(decimal, np.unique(values))))
+        mask &= np.isin(values, points)
     if policy is not None:
         labels = table["policy"].combine_chunks()
         names = labels.dictionary.to_pylist()

@@ -21,39 +21,50 @@ QUANTILES = tuple(float(q) for q in get_args(Quantile))
 
 
 class Moments(NamedTuple):
-    """Number of rows; mean, sum of squared deviations, min and max of each column (columns,)."""
+    """Number of rows; of the finite values of each column mean, squared deviations, min, max and count."""
 
     rows: int
     mean: Floats
     squares: Floats
     low: Floats
     high: Floats
+    counts: npt.NDArray[np.int64]
 
 
 def moments(table: Table) -> Moments:
-    """The moments of a table (columns, rows), summed in a fixed order; NaN if it has no rows."""
-    mean, squares, low, high = (np.full(len(table), np.nan) for _ in range(4))
-    if table.shape[1]:
-        for c, x in enumerate(table):
-            first = np.float64(x[0])  # subtracted first, so that a constant column has no spread
-            mean[c] = first + _summed(x, first, False) / len(x)
-            squares[c] = _summed(x, mean[c], True)
-            low[c], high[c] = x.min(), x.max()
-        odd = np.isnan(squares)  # of a column with infinite values
-        low[odd] = high[odd] = np.nan
-    return Moments(table.shape[1], mean, squares, low, high)
+    """The moments of a table (columns, rows), summed in a fixed order."""
+    found = []
+    for x in table:
+        of_column = _moments(x)
+        if np.isnan(of_column[1]):  # of a column with values that are not finite
+            of_column = _moments(x[np.isfinite(x)])
+        found.append(of_column)
+    mean, squares, low, high = (np.array([column[i] for column in found]) for i in range(4))
+    return Moments(
+        table.shape[1], mean, squares, low, high, np.array([column[4] for column in found], np.int64)
+    )
+
+
+def _moments(x: Table) -> tuple[float, float, float, float, int]:
+    """The moments of a column (rows,). Those of no rows change no others that they are merged with."""
+    if not len(x):
+        return 0.0, 0.0, np.inf, -np.inf, 0
+    first = np.float64(x[0])  # subtracted first, so that a constant column has no spread
+    mean = first + _summed(x, first, False) / len(x)
+    return mean, _summed(x, mean, True), float(x.min()), float(x.max()), len(x)
 
 
 def merged(a: Moments, b: Moments) -> Moments:
     """Merge the moments of two sets of rows (Chan, Golub and LeVeque 1983)."""
-    rows = a.rows + b.rows
-    delta = b.mean - a.mean
+    counts = a.counts + b.counts
+    delta, share = b.mean - a.mean, b.counts / np.maximum(counts, 1)
     return Moments(
-        rows,
-        a.mean + delta * (b.rows / rows),
-        a.squares + b.squares + delta * delta * (a.rows * (b.rows / rows)),
+        a.rows + b.rows,
+        a.mean + delta * share,
+        a.squares + b.squares + delta * delta * (a.counts * share),
         np.minimum(a.low, b.low),
         np.maximum(a.high, b.high),
+        counts,
     )
 
 
@@ -116,18 +127,20 @@ def described(
 ) -> dict[str, Statistic]:
     """Count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
 
-    A sample stands for all rows of its shard. A value that is not finite becomes None.
+    They are those of its finite values, and None if it has none. A sample stands for all rows of its shard.
     """
     sample = np.concatenate(samples, axis=1)
     weights = np.concatenate(
         [np.full(s.shape[1], n / s.shape[1]) for s, n in zip(samples, rows, strict=True)]
     )
     quantiles = _quantiles(sample, None if weights.min() == weights.max() else weights)
+    counts = np.where(parts.counts > 0, parts.counts, np.nan)
+    mean, std = np.where(parts.counts > 0, parts.mean, np.nan), np.sqrt(parts.squares / counts)
     return {
         name: Statistic(
-            count=parts.rows,
-            mean=_number(parts.mean[i]),
-            std=_number(np.sqrt(parts.squares[i] / parts.rows)),
+            count=int(parts.counts[i]),
+            mean=_number(mean[i]),
+            std=_number(std[i]),
             min=_number(parts.low[i]),
             max=_number(parts.high[i]),
             quantiles=dict(zip(get_args(Quantile), map(_number, quantiles[:, i]), strict=True)),
@@ -138,6 +151,13 @@ def described(
 
 def _quantiles(sample: Table, weights: Floats | None) -> npt.NDArray[Any]:
     """The QUANTILES (quantiles, columns) of a sample, which may be reordered; each is a value of it."""
+    finite = np.isfinite(sample)
+    if not finite.all():
+        parts = [(x[np.newaxis, known], known) for x, known in zip(sample, finite, strict=True)]
+        some = (_quantiles(x, None if weights is None else weights[known]) for x, known in parts)
+        return np.concatenate(list(some), axis=1)
+    if not sample.size:
+        return np.full((len(QUANTILES), len(sample)), np.nan)
     if weights is not None:
         quantiles: npt.NDArray[Any] = np.quantile(
             sample.astype(np.float64), QUANTILES, axis=1, weights=weights, method="inverted_cdf"
@@ -145,7 +165,7 @@ def _quantiles(sample: Table, weights: Floats | None) -> npt.NDArray[Any]:
         return quantiles
     ranks = np.quantile(np.arange(sample.shape[1]), QUANTILES, method="inverted_cdf").astype(np.int64)
     sample.partition(ranks, axis=1)  # much faster than np.quantile
-    return np.where(np.isnan(sample).any(axis=1), np.nan, sample[:, ranks].T)
+    return sample[:, ranks].T
 
 
 def _number(x: float) -> float | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
@@ -21,12 +22,12 @@ from ibdata.system.storage import Storage, reason, storage
 INFO = "meta/dataset.json"
 STATISTICS = "meta/statistics.json"
 EPISODES = "meta/episodes.parquet"
-EPISODE_SCHEMA = pa.schema(
+_EPISODE_SCHEMA = pa.schema(
     [
         ("episode", pa.int64()),
         ("cell", pa.dictionary(pa.int32(), pa.string())),
         ("index", pa.int64()),
-        ("setpoint", pa.float64()),
+        ("setpoint", pa.float32()),  # or float64
         ("policy", pa.dictionary(pa.int32(), pa.string())),
         ("acting", pa.dictionary(pa.int32(), pa.string())),  # of a mixture, the policy drawn for the episode
         ("splits", pa.list_(pa.string())),
@@ -38,6 +39,14 @@ EPISODE_SCHEMA = pa.schema(
         ("digest", pa.binary(32)),
     ]
 )
+
+
+SETPOINT_TYPES = ("float32", "float64")
+
+
+def episode_schema(dtype: str) -> pa.Schema:
+    """The columns of the table of episodes, whose setpoints have this type."""
+    return _EPISODE_SCHEMA.set(3, pa.field("setpoint", pa.type_for_alias(dtype)))
 
 
 class Stored:
@@ -110,8 +119,9 @@ class Stored:
     def episodes(self) -> pa.Table:
         """meta/episodes.parquet: a row for each episode; of the splits, the declared ones."""
         data, episodes = self.read(EPISODES), self.manifest.shards[-1].episodes[1]
-        table = parquet.read(self.storage, EPISODES, EPISODE_SCHEMA.names, rows=episodes, data=data)
-        if not table.schema.equals(EPISODE_SCHEMA) or any(column.null_count for column in table.columns):
+        table = parquet.read(self.storage, EPISODES, _EPISODE_SCHEMA.names, rows=episodes, data=data)
+        known = table.schema in map(episode_schema, SETPOINT_TYPES)
+        if not known or any(column.null_count for column in table.columns):
             problem = "found other columns than ibdata writes; see ibdata validate"
             raise self.storage.error(EPISODES, problem)
         return table
@@ -142,6 +152,13 @@ class Stored:
         except OSError as error:
             problem = f"cannot be read: {reason(error)}"
         raise self.error(path, problem)
+
+    def lost_shards(self) -> list[str]:
+        """The paths of the shards of which there is no file; no file is read."""
+        paths = [shard.path for shard in self.manifest.shards]
+        if self.storage.url is None:
+            return [path for path in paths if not os.path.isfile(self.storage.path / path)]
+        return sorted({*paths} - {f"data/{name}" for name in self.storage.names("data")})
 
     def shard(self, number: int) -> ShardEntry:
         """A shard as the manifest lists it. Raises UsageError if there is no such number."""

@@ -55,7 +55,13 @@ class ColumnStatistics(Tabular, dict[str, Any]):
             (name, *(column[key] for key in shown), column["quantiles"]["0.5"])
             for name, column in self.items()
         ]
-        return [Table(("column", *shown, "median"), rows)]
+        most = max((column["count"] for column in self.values()), default=0)
+        notes = [
+            f"{name}: of the {column['count']:,} of {most:,} rows that have a number"
+            for name, column in self.items()
+            if column["count"] < most
+        ]
+        return [Table(("column", *shown, "median"), rows, notes)]
 
     def plain(self) -> dict[str, Any]:
         """The statistics as plain data for JSON."""

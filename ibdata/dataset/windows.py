@@ -95,7 +95,7 @@ def mapped(source: WindowFolder) -> WindowData:
     """Map the values from the files in a folder. Raises UsageError if it is gone or holds anything else."""
     folder, description, sizes = source
     try:
-        described = json.loads((folder / DESCRIPTION).read_bytes())
+        described = json.loads(files.plain_bytes(folder / DESCRIPTION))
     except (OSError, ValueError):
         described = None
     if not folder.exists():

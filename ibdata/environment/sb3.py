@@ -32,7 +32,7 @@ class IndustrialBenchmarkVecEnv(VecEnv):
 
     Args:
         num_envs: the number of lanes.
-        max_episode_steps: the length of episodes; None for no end.
+        max_episode_steps: the length of episodes; -1 for no end, None for 1000, as in `gymnasium.make`.
         **settings: the settings of `IndustrialBenchmarkEnv`, without `render_mode`.
 
     Raises:

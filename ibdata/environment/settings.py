@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import partial
 from typing import Any
 
 from ibdata.arguments import public
@@ -32,7 +33,7 @@ class Settings:
     discrete_actions: bool
 
 
-@public
+@partial(public, unknown="got an unexpected keyword argument {!r}")  # libraries look for Python's words
 def settings(
     setpoint: Any = 70.0,
     dynamics: Any = "siemens",

@@ -58,6 +58,8 @@ class Simulation:
         self._floats, self._wholes = ordered[ordered < FIRST_WHOLE], ordered[ordered >= FIRST_WHOLE]
         self._of_cost = record_rows([] if view.cost is None else list(map(variable_of, view.cost.variables)))
 
+        self._cost = np.zeros(0 if view.cost is None else n)  # of the last step; 0 where there was none
+
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes (k,): the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.setpoint)
@@ -72,6 +74,8 @@ class Simulation:
     def place(self, which: Indices, carry: Carry, numbers: Indices) -> None:
         """Put these lanes (k,) where other episodes are, as episodes with these numbers (k,)."""
         self.carry.put(which, _without_actions(carry))
+        if self.settings.view.cost is not None:
+            self._cost[which] = 0.0
         if self._window is not None:
             self._window.begin(which, self._true_values()[which], numbers)
 
@@ -85,7 +89,13 @@ class Simulation:
             self.carry.put(which, carry)
         if self._window is not None:
             self._window.push(which, self._true_values()[which], actions)
+        self._pay(which)
         return self._rewards(carry.state.values[REWARD], before, self._costs(carry))
+
+    def _pay(self, which: Indices) -> None:
+        """Note the costs of a step to the states of these lanes (k,)."""
+        if (cost := self.settings.view.cost) is not None:
+            self._cost[which] = cost.of(tuple(values_of(self.carry.state, self._of_cost).T))[which]
 
     def observations(self) -> Float32s:
         """The observations (n, k · history), newest first; a new array each time."""
@@ -96,7 +106,7 @@ class Simulation:
         """What the agent is not meant to see by name, arrays (n,), new ones each time.
 
         These are the hidden part of the Markov state, the true values of imperfect measurements, and the cost
-        of the state.
+        of the last step, which is 0 at the start of an episode.
         """
         values = self.carry.state.values
         wholes = values.take(self._wholes, axis=0).astype(np.int64)
@@ -105,12 +115,12 @@ class Simulation:
 
     def _beside(self) -> dict[str, npt.NDArray[Any]]:
         """What a view adds to the hidden state by name, arrays (n,)."""
-        cost, values = self.settings.view.cost, {}
+        values: dict[str, npt.NDArray[Any]] = {}
         if self._clean:
             observed = self._true_values()
             values = {name: observed[:, i].copy() for name, i in self._clean.items()}
-        if cost is not None:
-            values["cost"] = cost.of(tuple(values_of(self.carry.state, self._of_cost).T)).astype(np.float64)
+        if self.settings.view.cost is not None:
+            values["cost"] = self._cost.copy()
         return values
 
     def _numbers(self, which: Indices, draw: Draw) -> Indices:
@@ -193,6 +203,7 @@ class Lane(Simulation):
             return carry.observations.ravel().copy(), numbers[-1], info
         if self._window is not None:
             self._window.push(self.everyone, self._true_values(), applied([action]))
+        self._pay(self.everyone)
         info |= {name: values[0].item() for name, values in self._beside().items()}
         [reward] = self._rewards(carry.state.reward, before, self._costs(carry)).tolist()
         return self.observations()[0], reward, info

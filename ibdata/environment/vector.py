@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ibdata.arguments import public
 from ibdata.dataset.conditions import checked_length
 from ibdata.dynamics import State
+from ibdata.environment import STEPS
 from ibdata.environment.actions import continuous_actions, discrete_actions
 from ibdata.environment.replayed import Replay
 from ibdata.environment.settings import settings
@@ -43,12 +44,13 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
 
     Args:
         num_envs: the number of lanes.
-        max_episode_steps: the length of episodes; None for no end.
+        max_episode_steps: the length of episodes; -1 for no end, None for 1000, as in `gymnasium.make`.
         autoreset_mode: what follows a truncation. "NextStep": the next step ignores the action, which must be
             valid all the same, and returns the first observation of a new episode with reward 0, which is no
             transition to learn from.
-            "SameStep": the truncated step itself returns that observation, and `info["final_obs"]` has the
-            last one. "Disabled": the caller must call `reset(options={"reset_mask": truncated})`.
+            "SameStep": the truncated step itself returns that observation, and `info["final_obs"]` and
+            `info["final_info"]` have the last ones, with the cost of the step. "Disabled": the caller must
+            call `reset(options={"reset_mask": truncated})`.
 
     Raises:
         ConfigError: a setting is invalid.
@@ -59,7 +61,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
     def __init__(
         self,
         num_envs: int = 1,
-        max_episode_steps: int | None = None,
+        max_episode_steps: int | None = -1,
         autoreset_mode: Any = NEXT_STEP,
         **options: Any,
     ) -> None:
@@ -68,10 +70,12 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             raise UsageError(f"autoreset_mode: found {autoreset_mode!r}, expected one of {', '.join(MODES)}")
         checked_length(num_envs, "num_envs")
         self._limit = np.iinfo(np.int64).max
-        if max_episode_steps is not None:
-            self._limit = checked_length(max_episode_steps, "max_episode_steps")
+        if max_episode_steps != -1:
+            limit = STEPS if max_episode_steps is None else max_episode_steps
+            self._limit = checked_length(limit, "max_episode_steps")
         chosen = settings(**options)
-        self.metadata = {"render_modes": [], "autoreset_mode": _mode_of_gymnasium(mode)}
+        self.autoreset_mode = _mode_of_gymnasium(mode)  # as Gymnasium's loops have it; TorchRL reads it there
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self.num_envs, self.view = num_envs, chosen.view
         self.single_observation_space, self.single_action_space = spaces(chosen)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

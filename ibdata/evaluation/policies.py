@@ -121,10 +121,8 @@ def _named(name: str | os.PathLike[str], allow_code: bool) -> Policy:
     elif "{" in text or ":" in text:
         place, source, folder = "policy", text.encode(), None
     else:
-        raise UsageError(
-            f"policy: found {text!r}, expected one of {', '.join(POLICIES)}, a block such as "
-            f"'{{kind: safe}}', or a file with one{suggestion(text, POLICIES)}"
-        )
+        known = f"one of {', '.join(POLICIES)}, a block such as '{{kind: safe}}', or a file with one"
+        raise UsageError(f"policy: found {text!r}{suggestion(text, POLICIES) or f', expected {known}'}")
     try:
         block = Document(source).data
     except StrictYamlError as error:

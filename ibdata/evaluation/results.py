@@ -25,7 +25,7 @@ from ibdata.policies import POLICIES, Policy
 
 Floats = npt.NDArray[np.float64]
 
-OF_COSTS = ("mean_cost", "violations")  # are shown if the view has a cost
+OF_COSTS = ("mean_cost", "cost_error", "violations")  # are shown if the view has a cost
 WIDE = ("interval", "clipped")  # are not shown in tables; `results`, `to_pandas` and --json have them
 
 
@@ -36,8 +36,9 @@ class Result(NamedTuple):
     are discounted and unscaled. `mean_reward` is per step and undiscounted. `score` is 0 for `random` and
     100 for `optimized` in the same episodes, `expert_score` is 100 for `expert`; `score_error` is the
     standard error of `score`, with that of the scale. `clipped` is the share of the actions that were clipped
-    to [-1, 1]. If the view has a cost, `mean_cost` is the mean number of steps that cost 1, and `violations`
-    the share of the episodes with more of them than the budget. Errors are None for one episode.
+    to [-1, 1]. If the view has a cost, `mean_cost` is the mean number of steps that cost 1 with its
+    `cost_error`, and `violations` the share of the episodes with more of them than the budget. Errors are
+    None for one episode.
     """
 
     policy: str
@@ -53,6 +54,7 @@ class Result(NamedTuple):
     expert_score: float | None
     clipped: float
     mean_cost: float | None = None
+    cost_error: float | None = None
     violations: float | None = None
 
 
@@ -152,7 +154,7 @@ def results_of(
             p10, reward = float(np.quantile(values, 0.1)), estimate(list(rewards[columns] / steps)).mean
             size, share = returns[columns].size, float(clipped[columns].mean())
             costs = played.costs[i, columns]
-            over = (None, None) if budget is None else (float(costs.mean()), float((costs > budget).mean()))
+            over = [] if budget is None else [*estimate(list(costs))[:2], float((costs > budget).mean())]
             results.append(Result(label, p, size, *estimate(values), p10, reward, *score, share, *over))
     return results
 

@@ -11,7 +11,7 @@ from ibdata.arguments import public
 from ibdata.dataset.reader import Place, opened
 from ibdata.dataset.stored import Stored
 from ibdata.dynamics import State
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, UsageError, excerpt
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
@@ -62,9 +62,10 @@ def state_at(ds: Place, rows: Any) -> State:
 
     Args:
         ds: The dataset, or its folder or URL.
-        rows: One of these: `(episode, step)`, each a number or several (n,); pairs of them (n, 2); the
-            numbers of n rows, counted from 0 in the order of `ds.to_pandas()`; or a table with the columns
-            `episode` and `step`, such as some rows of `ds.to_pandas()`.
+        rows: One of these: the tuple `(episode, step)`, each a number or several (n,); an array of pairs of
+            them (n, 2); one of the numbers of n rows, counted from 0 in the order of `ds.to_pandas()`; or a
+            table with the columns `episode` and `step`, such as some rows of `ds.to_pandas()`. Lists are
+            arrays, but not [3, 10], which might be (3, 10).
 
     Returns:
         The state of n lanes before the rows' actions; `state.fatigue`, for example, is an
@@ -77,6 +78,13 @@ def state_at(ds: Place, rows: Any) -> State:
     source = Source(opened(ds).stored)
     episodes, steps = source.episodes_and_steps(rows)
     return source.carries_at(episodes, steps, Constant()).state  # any policy that sees nothing
+
+
+def _is_ambiguous(rows: Any) -> bool:
+    """Whether rows of Python numbers might be both (episode, step) and something else."""
+    if not isinstance(rows, tuple):
+        return isinstance(rows, list) and len(rows) == 2 and np.ndim(rows) == 1
+    return len(rows) != 2 or all(isinstance(part, tuple) and len(part) == 2 for part in rows)
 
 
 class Batch(NamedTuple):
@@ -105,13 +113,22 @@ class Source(Addresses):
 
     def episodes_and_steps(self, rows: Any) -> tuple[Ints, Ints]:
         """Episodes and steps (n,) of rows as `state_at` takes them. Raises UsageError if there is none."""
+        episodes, steps = self._episodes_and_steps(rows)
+        if not len(episodes):
+            raise UsageError("rows: found no row, expected at least one")
+        return episodes, steps
+
+    def _episodes_and_steps(self, rows: Any) -> tuple[Ints, Ints]:
         if isinstance(rows, Mapping) or hasattr(rows, "columns"):
             try:
                 return self._pairs(rows["episode"], rows["step"])
             except KeyError as error:
                 expected = "expected columns episode, step"
                 raise UsageError(f"rows: found a table without {error}, {expected}") from None
-        if isinstance(rows, tuple) and len(rows) == 2:
+        if _is_ambiguous(rows):
+            expected = "(episode, step), or an array of pairs of them (n, 2), or of numbers of rows"
+            raise UsageError(f"rows: found {excerpt(rows)}, expected {expected}")
+        if isinstance(rows, tuple):
             return self._pairs(*rows)
         if np.ndim(rows) == 2 and np.shape(rows)[1] == 2:
             return self._pairs(*np.asarray(rows).T)

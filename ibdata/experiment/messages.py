@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from ibdata.errors import ConfigError, Loc, Problems, suggestion
+from ibdata.errors import ConfigError, Loc, Problems, meant, suggestion
 from ibdata.policies import POLICIES
 from ibdata.policies.custom import TARGET, TARGET_MEANT
 
@@ -120,9 +120,7 @@ def _message(error: Mapping[str, Any], options: list[str]) -> str:
     if kind in ("literal_error", "union_tag_invalid"):
         words = _words(context.get("expected") or context["expected_tags"])
         word = value.get("kind") if kind == "union_tag_invalid" and isinstance(value, dict) else value
-        hint = suggestion(str(word), words)
-        one_of = "one of " if len(words) > 1 else ""
-        return f"found {shown(word)}, expected {one_of}{', '.join(words)}{hint}"
+        return f"found {shown(word)}{meant(str(word), words)}"
     if kind == "union_tag_not_found":
         return f"found {shown(value)}, expected a mapping with 'kind'"
     if kind in ("value_error", "assertion_error"):

@@ -17,7 +17,7 @@ from pydantic import (
 )
 
 from ibdata.dynamics import Variant
-from ibdata.errors import Loc, Problems, suggestion
+from ibdata.errors import Loc, Problems, meant
 from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import Output, Split, Start
 from ibdata.experiment.messages import refusals
@@ -197,8 +197,7 @@ class Experiment(FrozenModel):
                 yield "setpoint", f"found {exact(setpoint)}, expected one of the setpoints of the experiment"
         for label in split.policies() or ():
             if label not in self.labels:
-                known = f"{', '.join(self.labels)}{suggestion(label, self.labels)}"
-                yield "policy", f"found {label!r}, expected one of {known}"
+                yield "policy", f"found {label!r}{meant(label, self.labels)}"
         indices = split.indices(self.episodes)
         remedy = "leave out all splits by the override splits={}"
         if isinstance(split.episodes, str) and not indices:

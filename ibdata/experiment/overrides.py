@@ -53,6 +53,8 @@ def _put(data: Any, key: str, value: Any) -> Loc:
 
     A missing parent becomes a mapping, and the bare name of a policy becomes its block.
     """
+    if (dotted := re.sub(r"\.?\[['\"]?(\w+)['\"]?\]", r".\1", key)) != key:
+        raise UsageError(f"override: found the key {key!r}; did you mean {dotted!r}?")
     *parents, last = key.split(".")
     if not all([*parents, last]) or len(parents) >= MAX_DEPTH:
         raise UsageError(f"override: found the key {key!r}, expected names joined by dots")

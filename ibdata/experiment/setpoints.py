@@ -131,8 +131,12 @@ Setpoints = Annotated[
 
 def repeated(points: list[float]) -> str | None:
     """The problem if a setpoint occurs twice; None otherwise."""
-    duplicate = next((point for i, point in enumerate(points) if point in points[:i]), None)
-    return None if duplicate is None else f"found {exact(duplicate)} twice, expected each setpoint once"
+    seen: set[float] = set()
+    for point in points:
+        if point in seen:
+            return f"found {exact(point)} twice, expected each setpoint once"
+        seen.add(point)
+    return None
 
 
 def setpoint_values(setpoints: Any) -> tuple[list[float], bool]:

@@ -42,10 +42,8 @@ def find(config: str | os.PathLike[str]) -> Path:
             "files, each an experiment; ibdata init makes a first one"
         )
     if name not in known:
-        raise UsageError(
-            f"config: found {os.fspath(config)!r}, expected a file or one of {', '.join(_short(known))}"
-            f"{suggestion(name, known)}"
-        )
+        expected = suggestion(name, known) or f", expected a file or one of {', '.join(_short(known))}"
+        raise UsageError(f"config: found {os.fspath(config)!r}{expected}")
     return known[name]
 
 
@@ -59,8 +57,8 @@ def full_name(what: str, name: str, sets: Sequence[str]) -> str:
     for path, end in zip(sets, short, strict=True):
         if name in (path, end):
             return path
-    near = suggestion(name, [*sets, *short])
-    raise UsageError(f"{what}: found {name!r}, expected one of {', '.join(short)}{near}")
+    expected = suggestion(name, [*sets, *short]) or f", expected one of {', '.join(short)}"
+    raise UsageError(f"{what}: found {name!r}{expected}")
 
 
 def _short(names: Iterable[str]) -> list[str]:

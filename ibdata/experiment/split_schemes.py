@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
-from ibdata.errors import UsageError, suggestion
+from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.numerics.naming import counted, exact
@@ -180,10 +180,8 @@ def _suffix(setpoint: float) -> str:
 def _refuse_unknown(setpoint: float, known: Sequence[float]) -> None:
     """Raise UsageError if a dataset lacks a setpoint."""
     if setpoint not in known:
-        name, names = exact(setpoint), [exact(p) for p in known]
-        raise UsageError(
-            f"split: found setpoint {name}, expected one of {', '.join(names)}{suggestion(name, names)}"
-        )
+        names = ", ".join(map(exact, known))
+        raise UsageError(f"split: found setpoint {exact(setpoint)}, expected one of {names}")
 
 
 # By the name of the scheme, or of the property if it has only one scheme.

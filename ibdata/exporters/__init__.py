@@ -133,8 +133,8 @@ def export(
 
 def _format(to: str) -> Any:
     """The module of a format."""
-    from ibdata.errors import UsageError, suggestion
+    from ibdata.errors import UsageError, meant
 
     if to in FORMATS:
         return import_module(f"{__name__}.{to}")
-    raise UsageError(f"format: found {to!r}, expected one of {', '.join(FORMATS)}{suggestion(to, FORMATS)}")
+    raise UsageError(f"format: found {to!r}{meant(to, FORMATS)}")

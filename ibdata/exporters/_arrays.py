@@ -6,7 +6,6 @@ import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -50,8 +49,8 @@ def write_npz(view: View, form: Callable[[Block], Arrays], path: Path, **others:
                 arrays[name] = np.empty((view.rows, *array.shape[1:]), array.dtype)
             arrays[name][start:stop] = array
         start = stop
-    members: dict[str, Any] = {**arrays, **others}
-    with path.open("xb") as file:
-        np.savez(file, **members)  # numpy 2.0 would store an `allow_pickle=False` as an array
-    with zipfile.ZipFile(path, "a") as archive:
+    with path.open("xb") as file, zipfile.ZipFile(file, "w") as archive:  # at once: np.savez takes no comment
         archive.comment = json.dumps(view.plain()).encode()
+        for name, array in {**arrays, **others}.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)

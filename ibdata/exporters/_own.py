@@ -7,6 +7,8 @@ import json
 import zipfile
 from pathlib import Path
 
+from ibdata.system.files import plain_bytes
+
 HEAD = 8  # bytes
 CSV = b'"episode","step"'
 
@@ -17,7 +19,7 @@ def is_folder_export(folder: Path) -> bool:
     try:
         if tasks.exists():
             return is_export(tasks)
-        return "content_root" in json.loads((folder / "data" / "metadata.json").read_bytes())["view"]
+        return "content_root" in json.loads(plain_bytes(folder / "data" / "metadata.json"))["view"]
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

@@ -70,16 +70,6 @@ def _refuse_others(place: Path, export: Path) -> None:
             raise UsageError(f"{place}: found {name}, which is not of such an export; choose another --out")
 
 
-def reserve(path: Path, size: int) -> None:
-    """Raise OSError unless there is room for this number of bytes.
-
-    When a write fails, HDF5 ends the process with a segmentation fault (h5py 3.16), without a message.
-    """
-    with path.open("xb") as file:
-        files.reserve(file.fileno(), size)
-    path.unlink()
-
-
 def needed(module: str, format: str, extra: str, package: str | None = None) -> Any:
     """Import an optional library. Raises an error, which names its package, if it is not installed."""
     try:

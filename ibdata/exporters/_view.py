@@ -14,6 +14,7 @@ from ibdata.dataset.selection import Selection
 from ibdata.dataset.transitions import left_out, needed, whole_episodes
 from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, identity
 from ibdata.errors import UsageError
+from ibdata.numerics.naming import decimal
 from ibdata.system.progress import bar
 from ibdata.views.options import ACTIONS, PLAIN, ViewOptions
 
@@ -80,6 +81,11 @@ class View:
         floats = 2 * len(self.frame) * self.history + len(ACTIONS) + 1 + len(self.beside) + len(self.clean)
         floats += self.options.cost is not None
         return self.rows * (4 * floats + 8 + 4 + 1 + 1)
+
+    @property
+    def setpoints(self) -> list[float]:
+        """The setpoints of the episodes, in the order of the first ones."""
+        return [decimal(p) for p in self.table["setpoint"].unique()]
 
     def refuse_no_rows(self) -> None:
         """Raise UsageError if no row has its next frame in the dataset."""

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ibdata.exporters._target import needed, reserve
+from ibdata.exporters._hdf5 import add, read_back, reserve
+from ibdata.exporters._target import needed
 from ibdata.exporters._view import Arrays, Block, View
 
 VERSION = "2.1"  # of d3rlpy's file format
@@ -39,7 +40,7 @@ def export(view: View, path: Path, target: Path) -> str:
     """Write the file."""
     h5py = needed("h5py", "d3rlpy", "hdf5")
     reserve(path, view.bytes + OVERHEAD * (view.episodes + 1))
-    with h5py.File(path, "x") as file:
+    with read_back(path) as sums, h5py.File(path, "x") as file:
         file.create_dataset("columns", data=list(KEYS))
         file.create_dataset("num_episodes", data=view.episodes)
         file.create_dataset("version", data=VERSION)
@@ -47,6 +48,7 @@ def export(view: View, path: Path, target: Path) -> str:
         for number, block in enumerate(view.episode_blocks()):
             for key, array in episode(block).items():
                 file.create_dataset(f"{key}_{number}", data=array)
+                add(sums, f"{key}_{number}", array)
     return f"""\
 from d3rlpy.dataset import InfiniteBuffer, ReplayBuffer
 

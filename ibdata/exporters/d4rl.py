@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.exporters._arrays import transitions
-from ibdata.exporters._target import needed, reserve
+from ibdata.exporters._hdf5 import Sums, add, read_back, reserve
+from ibdata.exporters._target import needed
 from ibdata.exporters._view import View
 from ibdata.version import __version__
 
@@ -24,14 +25,14 @@ def export(view: View, path: Path, target: Path) -> str:
     """Write the HDF5 file."""
     h5py = needed("h5py", "d4rl", "hdf5")
     reserve(path, view.bytes + OVERHEAD)
-    with h5py.File(path, "x") as file:
+    with read_back(path) as sums, h5py.File(path, "x") as file:
         file.attrs["ibdata_version"] = __version__
         file.attrs["name"] = view.info.name
         file.attrs["content_root"] = view.selection.content_root
         file.attrs["reward_scale"] = view.options.reward_scale
         file.attrs["view"] = json.dumps(view.plain())
         file.attrs["history"] = view.history
-        _write(view, file)
+        _write(view, file, sums)
     return f"""\
 import h5py
 
@@ -41,7 +42,7 @@ with h5py.File({str(target)!r}) as file:
 """
 
 
-def _write(view: View, file: Any) -> None:
+def _write(view: View, file: Any, sums: Sums) -> None:
     start = 0
     for block in view.blocks():
         stop = start + len(block.rewards)
@@ -51,4 +52,5 @@ def _write(view: View, file: Any) -> None:
                 shape = (view.rows, *array.shape[1:])
                 file.create_dataset(name, shape, array.dtype, chunks=chunks)
             file[name][start:stop] = array
+            add(sums, name, array)
         start = stop

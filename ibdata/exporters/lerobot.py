@@ -2,8 +2,8 @@
 `next.observation.state`, so that no transition is lost. `next.done` marks the last frame of each episode, as
 in LeRobot's recordings; bootstrap unless `next.terminated`. One step is one second. The task of an episode
 names its setpoint. Episodes are numbered from 0. There is nothing beside what is observed: no
-latent state, no log density, no clean values. Written in
-constant memory.
+latent state, no log density, no clean values. The quantiles of more than 50,000 frames are those of an evenly
+spaced sample. Written in constant memory.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from __future__ import annotations
 import json
 from contextlib import closing
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.dataset.statistics import Moments, merged, moments
+from ibdata.dataset.statistics import Moments, RowStatistics, Table
 from ibdata.exporters._arrays import PARQUET, vectors
 from ibdata.exporters._view import Array, Arrays, Block, View
 from ibdata.numerics.naming import exact
@@ -33,39 +33,6 @@ FILE_MB = 100
 EPISODES = 100  # rows of a row group in meta/episodes
 PLACE = ("meta/episodes/chunk_index", "meta/episodes/file_index")
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-
-
-class Statistics(NamedTuple):
-    """The statistics of a feature."""
-
-    kind: Any  # the type of its numbers
-    moments: Moments
-    quantiles: Array  # (quantiles, numbers)
-
-    @classmethod
-    def of(cls, array: Array) -> Statistics:
-        """The statistics of a feature in an episode."""
-        numbers = np.array(array.reshape(len(array), -1).T, np.float64, order="C")
-        return cls(array.dtype, moments(numbers), np.quantile(numbers, list(QUANTILES.values()), axis=1))
-
-    def with_more(self, more: Statistics) -> Statistics:
-        """Those of both. A quantile is the mean of both quantiles, as LeRobot combines them."""
-        both = merged(self.moments, more.moments)
-        share = more.moments.rows / both.rows
-        return Statistics(self.kind, both, self.quantiles + share * (more.quantiles - self.quantiles))
-
-    def plain(self) -> dict[str, list[Any]]:
-        """Lists by the names that LeRobot has."""
-        of = self.moments
-        numbers = {
-            "min": of.low.astype(self.kind),
-            "max": of.high.astype(self.kind),
-            "mean": of.mean,
-            "std": np.sqrt(of.squares / of.rows),
-            "count": np.array([of.rows]),
-            **dict(zip(QUANTILES, self.quantiles, strict=True)),
-        }
-        return {name: values.tolist() for name, values in numbers.items()}
 
 
 class _Files:
@@ -111,7 +78,7 @@ def export(view: View, path: Path, target: Path) -> str:
     data, episodes = _Files(path / "data", metadata), _Files(meta / "episodes", metadata)
     start = 0
     tasks: dict[str, int] = {}
-    total: dict[str, Statistics] = {}
+    total: dict[str, RowStatistics] = {}
     rows: list[dict[str, Any]] = []
     with closing(data), closing(episodes):
         for number, block in enumerate(view.episode_blocks()):
@@ -119,15 +86,19 @@ def export(view: View, path: Path, target: Path) -> str:
             columns = _columns(block, number, start, tasks.setdefault(task, len(tasks)))
             frames = pa.table({name: _column(array) for name, array in columns.items()})
             place = data.write(frames)
-            statistics = {name: Statistics.of(array) for name, array in columns.items()}
-            total = {name: total[name].with_more(x) if total else x for name, x in statistics.items()}
+            total = total or {name: RowStatistics(view.rows, view.rows) for name in columns}
+            statistics = {}
+            for name, array in columns.items():
+                numbers = _numbers(array)
+                statistics[name] = _statistics(array.dtype, total[name].add(numbers), numbers)
             rows.append(_episode(number, task, place, range(start, start + len(frames)), statistics))
             start += len(frames)
             if len(rows) == EPISODES or start == view.rows:
                 episodes.write(pa.Table.from_pylist(rows), *PLACE)
                 rows.clear()
     _write_tasks(tasks, meta / "tasks.parquet", metadata)
-    (meta / "stats.json").write_bytes(as_json({name: x.plain() for name, x in total.items()}))
+    whole = {name: _statistics(columns[name].dtype, x.moments, x.sample) for name, x in total.items()}
+    (meta / "stats.json").write_bytes(as_json(whole))
     (meta / "info.json").write_bytes(as_json(_info(view, columns, len(tasks))))
     return f"""\
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -168,8 +139,27 @@ def _column(array: Array) -> pa.Array:
     return pa.array(array.reshape(-1)) if array.size == len(array) else vectors(array)
 
 
+def _numbers(array: Array) -> Table:
+    """The numbers of a feature (numbers, frames), in a type of floats that has them all."""
+    return array.reshape(len(array), -1).T.astype(np.result_type(array.dtype, np.float32), order="C")
+
+
+def _statistics(kind: Any, of: Moments, sample: Table) -> dict[str, list[Any]]:
+    """The statistics of a feature, whose numbers have this type, by the names that LeRobot has."""
+    quantiles = np.quantile(sample.astype(np.float64), list(QUANTILES.values()), axis=1)
+    numbers = {
+        "min": of.low.astype(kind),
+        "max": of.high.astype(kind),
+        "mean": of.mean,
+        "std": np.sqrt(of.squares / of.rows),
+        "count": np.array([of.rows]),
+        **dict(zip(QUANTILES, quantiles, strict=True)),
+    }
+    return {name: values.tolist() for name, values in numbers.items()}
+
+
 def _episode(
-    number: int, task: str, place: tuple[int, int], frames: range, statistics: dict[str, Statistics]
+    number: int, task: str, place: tuple[int, int], frames: range, statistics: dict[str, Any]
 ) -> dict[str, Any]:
     """The row of an episode in meta/episodes."""
     return {
@@ -183,7 +173,7 @@ def _episode(
         **{
             f"stats/{feature}/{name}": numbers
             for feature, each in statistics.items()
-            for name, numbers in each.plain().items()
+            for name, numbers in each.items()
         },
     }
 

@@ -2,8 +2,8 @@
 NAMESPACE/NAME-vN is `--id`, by default ibdata/<name>-v0. It is stored as HDF5, because Minari's Arrow and
 Parquet corrupt episodes of 32,768 steps or more. An episode of T steps has T + 1 observations, in float32.
 Its `infos` hold latent state and action_log_prob, T + 1 values each; the last value is NaN unless the dataset
-has it (`latent: next`). The metadata of each episode have the dataset's seed. `ref_min_score` and
-`ref_max_score` are the mean returns of `random` and `optimized` over the dataset's setpoints, for
+has it (`latent: next`). Episodes have no seed, because no `reset(seed=…)` plays one again. `ref_min_score`
+and `ref_max_score` are the mean returns of `random` and `optimized` over the dataset's setpoints, for
 `minari.get_normalized_score`; there are none where `ibdata info` gives no score. HDF5 needs about 30 kB of
 memory per episode. Needs ibdata[minari].
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,8 @@ import numpy as np
 from ibdata.dataset.reference_returns import scale_of
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import declared_spec
-from ibdata.exporters._target import needed, reserve
+from ibdata.exporters._hdf5 import Sums, add, read_back, reserve
+from ibdata.exporters._target import needed
 from ibdata.exporters._view import Arrays, Block, View
 from ibdata.version import __version__
 from ibdata.views.options import ACTIONS, bounds_of
@@ -30,6 +32,7 @@ COSTS = True  # it has a place for them
 ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
 ENTRY_POINT = "ibdata.environment:IndustrialBenchmarkEnv"  # text: Minari cannot store a class
 
+FILE = "main_data.hdf5"
 OVERHEAD = 100_000  # bytes per episode, for its chunks; 55 to 75 kB were measured
 
 
@@ -74,8 +77,8 @@ def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
     environment = _environment(view, experiments)
     storage = MinariStorage.new(data, observations, actions, environment, data_format="hdf5")
     storage.update_metadata({**_metadata(view, name), **_references(view)})
-    seed = _common(experiments, "seed")
-    storage.update_episodes(EpisodeBuffer(seed=seed, **episode(block)) for block in view.episode_blocks())
+    with read_back(data / FILE) as sums:
+        storage.update_episodes(EpisodeBuffer(**arrays) for arrays in _episodes(view, sums))
     root = target.parents[len(Path(name).parts) - 1]
     return f"""\
 import os
@@ -85,6 +88,17 @@ import minari
 
 dataset = minari.load_dataset({name!r})
 """
+
+
+def _episodes(view: View, sums: Sums) -> Iterator[dict[str, Any]]:
+    """The arrays of each episode, and their sums by the paths that Minari gives them."""
+    for number, block in enumerate(view.episode_blocks()):
+        arrays = episode(block)
+        infos = {f"infos/{name}": values for name, values in arrays["infos"].items()}
+        for name, values in {**arrays, **infos}.items():
+            if name != "infos":
+                add(sums, f"episode_{number}/{name}", values)
+        yield arrays
 
 
 def _id(view: View, id: str | None) -> str:
@@ -147,7 +161,7 @@ def _environment(view: View, experiments: list[dict[str, Any]]) -> Any:
     kwargs: dict[str, Any] = {"history": view.history, "dynamics": dynamics, "start": start}
     if shown := view.options.changed():
         kwargs["view"] = shown
-    setpoints = view.table["setpoint"].unique().tolist()
+    setpoints = view.setpoints
     if view.info.drifting:
         kwargs["setpoint"] = {"drifting": setpoints[0]} if len(setpoints) == 1 else "drifting"
     elif len(setpoints) == 1:
@@ -181,7 +195,7 @@ def _references(view: View) -> dict[str, float]:
     if view.options.reward.kind != "classic" or view.left_out or len(lengths) > 1 or unequal:
         return {}
     scale = scale_of(view.info, lengths[0])
-    ends = scale.ends(view.table["setpoint"].unique().tolist()) if scale else None
+    ends = scale.ends(view.setpoints) if scale else None
     if ends is None:
         return {}
     low, high = ends

@@ -50,7 +50,7 @@ def _refuse_other_setpoints(view: View) -> None:
     """Raise UsageError unless there is one setpoint that is constant."""
     if view.info.drifting:
         raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
-    setpoints = sorted(view.table["setpoint"].unique().tolist())
+    setpoints = sorted(view.setpoints)
     if len(setpoints) > 1:
         shown = ", ".join(exact(p) for p in setpoints[:5])
         raise UsageError(

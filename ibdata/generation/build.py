@@ -326,7 +326,7 @@ def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
     for path in paths_in(folder):
         if path.name in ("data", "meta") and path.is_dir():
             yield from (inner for inner in paths_in(path) if f"{path.name}/{inner.name}" not in known)
-        elif path.name not in known and not is_users(path.name):
+        elif not path.is_file() or not (path.name in known or is_users(path.name)):
             yield path
 
 

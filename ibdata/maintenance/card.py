@@ -7,20 +7,18 @@ from pathlib import Path
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
-from ibdata.dataset.reader import Dataset
-from ibdata.errors import notice, printable
+from ibdata.dataset.reader import to_write
+from ibdata.errors import notice
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.measures.quality import quality
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system.files import write
 from ibdata.system.part import locked_part, resolved
-from ibdata.system.storage import existing, local
-from ibdata.version import __version__
-from ibdata.writing.card import card as readme
+from ibdata.system.storage import local
+from ibdata.writing.card import card_of
 from ibdata.writing.edited import keep_edited, sealed
 from ibdata.writing.finish import refuse_other_plan
-from ibdata.writing.metadata import unread_shards
 
 
 @public
@@ -42,26 +40,17 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
         BusyError: Another process writes to the dataset.
         IbdataError: The system refuses to write; nothing is changed.
     """
-    path = local(existing(folder))
-    dataset = Dataset(path)
-    manifest_model = dataset.stored.manifest
+    path = local(folder)
+    dataset = to_write(path)
     spec = spec_in(dataset.stored)
-    refuse_other_plan(spec, manifest_model)
+    refuse_other_plan(spec, dataset.stored.manifest)
     measured = quality(dataset)  # before the lock, as the pictures: it may take minutes
     report = why = None
     try:
         report = page(dataset, spec, drawn(dataset), measured)
     except ImportError as error:  # no matplotlib
         why = str(error)
-    version = printable(manifest_model.versions.get("ibdata", __version__))
-    text = readme(
-        spec,
-        unread_shards(spec, manifest_model),
-        dataset.content_root,
-        dataset.stored.episodes,
-        version,
-        measured,
-    )
+    text = card_of(dataset.stored, spec, measured)
     with locked_part(resolved(path), path):
         dataset.stored.refuse_replaced()
         keep_edited(manifest.CARD, path, path)

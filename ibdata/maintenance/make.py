@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from ibdata.arguments import public
 from ibdata.dataset.reader import Dataset, opened
 from ibdata.dataset.selection import Selection
 from ibdata.environment import ID
-from ibdata.errors import DatasetError, UsageError, missing
+from ibdata.errors import BusyError, DatasetError, UsageError, missing, notice
 from ibdata.experiment import Experiment, load
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.shipped import full_name, shipped
@@ -23,9 +24,14 @@ from ibdata.generation.generate import generate
 from ibdata.numerics.naming import exact
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.configs import canonical_file
+from ibdata.system.files import part_of, remove
 from ibdata.system.lock import locked
 from ibdata.system.part import refusals
+from ibdata.validation.validate import validate
 from ibdata.views.options import View
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Arrays = dict[str, npt.NDArray[Any]]
 TENTH = 10
@@ -51,13 +57,14 @@ def make(
         history: How many observations are stacked, newest first, in the environment and in the arrays.
         view: What is seen and rewarded, as the options of a view (docs/views.md).
         seed: The seed of the dataset, by default that of the experiment, whose content root is known.
-        setpoint: The setpoint of the environment, for a set with several. The arrays have all of them.
+        setpoint: The setpoint of the environment alone, for a set with several. A line on stderr says at
+            which setpoints the rows are.
 
     Returns:
         The environment of the set, and the rows to train and to validate on, as `Dataset.arrays` has them.
-        Those to validate on are the split `validation`, or else the last tenth of the episodes: at each
-        setpoint if all have ten, else of all, which leaves the last setpoints out of the training. Those to
-        train on are the split `train` without them, or all others.
+        They have no episode of the split `test`, nor one outside of `train` if there is that split. Those to
+        validate on are the split `validation`, or else the last tenth of the episodes, at least one, of each
+        policy at each setpoint that has several; where all have one, of all, which are the last setpoints.
 
     Raises:
         UsageError: There is no such set or setpoint, or its content root is another one.
@@ -72,23 +79,40 @@ def make(
     dataset = _dataset(set_name, experiment, root)
     _refuse_other_content(name, beginning, dataset.content_root)
     parts = train_and_validation(dataset)
+    if len(experiment.scenario.points) > 1:
+        at = [_range(part.episode_table["setpoint"].to_numpy()) for part in parts]
+        notice(f"{set_name}: trains at {at[0]}, validates at {at[1]}; setpoint= is the environment's alone")
     train, validation = (part.arrays(history, view=view) for part in parts)
     return environment, train, validation
 
 
 def train_and_validation(dataset: Dataset) -> tuple[Selection, Selection]:
-    """The episodes to train on, and those to validate on."""
-    everything = dataset.select("train" if "train" in dataset.splits else None)
-    if "validation" in dataset.splits:
-        validation = dataset.select("validation")
-        return dataset.select(episodes=np.flatnonzero(everything.inside & ~validation.inside)), validation
-    numbers = np.flatnonzero(everything.inside)
-    cells = dataset.episodes["cell"].to_numpy()[numbers]
-    groups = [numbers[cells == cell] for cell in dict.fromkeys(cells)]
-    if min(map(len, groups)) < TENTH:
-        groups = [numbers]
-    last = np.concatenate([group[len(group) - max(1, len(group) // TENTH) :] for group in groups])
-    return dataset.select(episodes=np.setdiff1d(numbers, last)), dataset.select(episodes=last)
+    """The episodes to train on, and those to validate on; those of the split `test` are neither."""
+    episodes = dataset.episodes
+    splits = {name: dataset.select(name).inside for name in dataset.splits}
+    usable = ~splits.get("test", np.zeros(len(episodes), np.bool_))
+    train = usable & splits.get("train", usable)
+    last = np.isin(episodes["episode"], _last_tenths(episodes[train]))
+    validation = usable & splits.get("validation", last)
+    return (
+        dataset.select(episodes=np.flatnonzero(train & ~validation)),
+        dataset.select(episodes=np.flatnonzero(validation)),
+    )
+
+
+def _last_tenths(episodes: pd.DataFrame) -> list[int]:
+    """The last tenth of the episodes of each cell; of each setpoint whose cells have one; or of all."""
+    groups = []
+    for _, here in episodes.groupby("setpoint"):
+        cells = [cell for _, cell in here.groupby("cell", observed=True) if len(cell) > 1]
+        groups += cells or [here] * (len(here) > 1)
+    last = (group["episode"].tolist()[-max(1, len(group) // TENTH) :] for group in groups or [episodes])
+    return list(chain.from_iterable(last))
+
+
+def _range(setpoints: npt.NDArray[np.float64]) -> str:
+    """The lowest and the highest setpoint, or the only one."""
+    return " … ".join(dict.fromkeys([exact(setpoints.min()), exact(setpoints.max())]))
 
 
 def _refuse_other_content(name: str, beginning: str, root: str | None) -> None:
@@ -124,15 +148,18 @@ def _environment(experiment: Experiment, setpoint: float | None, history: int, v
 
 
 def _dataset(name: str, experiment: Experiment, root: str | None) -> Dataset:
-    """The dataset in the cache, which is made where it is missing or not what it should be."""
+    """The dataset in the cache, which is ibdata's own: where it is not what it should be it is made again."""
     ending = "" if root is not None else f"-seed-{experiment.seed}"
     folder = Path(cache_folders().folders[-1], "datasets", name.replace("/", "-") + ending)
     if dataset := _kept(folder, experiment, root):
         return dataset
     lock = folder.with_name(f".{folder.name}.lock")
     with refusals(folder), locked(lock, PATIENCE, place=folder):
-        # Another process may have made it meanwhile.
-        dataset = _kept(folder, experiment, root) or opened(generate(experiment, folder, overwrite=True))
+        kept = _kept(folder, experiment, root)  # another process may have made it meanwhile
+        if kept is None:
+            remove(part_of(folder))
+            remove(folder)
+        dataset = kept or opened(generate(experiment, folder))
     if root not in (None, dataset.content_root):
         raise DatasetError(
             f"{name}: found the content root {dataset.content_root}, expected {root}; ibdata is not what it "
@@ -142,13 +169,11 @@ def _dataset(name: str, experiment: Experiment, root: str | None) -> Dataset:
 
 
 def _kept(folder: Path, experiment: Experiment, root: str | None) -> Dataset | None:
-    """The dataset in the cache, if it is what it should be."""
-    with suppress(DatasetError):
+    """The dataset in the cache, if it is what it should be, and whole."""
+    with suppress(DatasetError, BusyError):
         dataset = Dataset(folder)
-        if is_of(dataset.stored.manifest, DatasetSpec.of(experiment)) and root in (
-            None,
-            dataset.content_root,
-        ):
+        is_same = is_of(dataset.stored.manifest, DatasetSpec.of(experiment))
+        if is_same and root in (None, dataset.content_root) and not validate(dataset, quick=True):
             return dataset
     return None
 

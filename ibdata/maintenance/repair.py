@@ -11,7 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment.code import require_consent
-from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
+from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
@@ -20,10 +20,11 @@ from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, wri
 from ibdata.system.part import locked_part, resolved
 from ibdata.system.progress import Progress
 from ibdata.system.signals import check
-from ibdata.system.storage import existing, local
+from ibdata.system.storage import local
 from ibdata.validation.checks import check_shard, splits_problems
-from ibdata.validation.validate import Hashing, unlisted_files, validate
+from ibdata.validation.validate import Hashing, card_problems, unlisted_files, validate
 from ibdata.writing import metadata
+from ibdata.writing.card import card_of
 from ibdata.writing.croissant import croissant
 from ibdata.writing.finish import NEED_CONTENT, metadata_files, refuse_other_plan, rewritten_manifest
 from ibdata.writing.shard import DATASET, UNREAD, WrittenShard, all_written, content_of
@@ -53,7 +54,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         UsageError: There are files that are not the dataset's, or custom policies that are not allowed.
     """
     refuse_workers(workers)
-    place = local(existing(folder))
+    place = local(folder)
     stored = _stored(place)
     for problem in unlisted_files(stored):
         raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
@@ -76,6 +77,9 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
         old = stored.manifest.entries()
         if entries != old:
             write(part.target, manifest.PATH, rewritten_manifest(stored.manifest, entries))
+        if manifest.CARD in broken:
+            repaired = Stored.open(place)
+            write(part.target, manifest.CARD, card_of(repaired, spec_in(repaired)))
         _refuse_broken(place)
     return broken + [path for path in entries if path not in broken and entries[path] != old[path]]
 
@@ -106,6 +110,8 @@ def _broken(stored: Stored) -> list[str]:
                 broken.append(path)
     if any(splits_problems(stored)):
         broken.append(manifest.SPLITS)
+    if any(card_problems(stored)):
+        broken.append(manifest.CARD)
     return broken
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Dataset, Place, opened
-from ibdata.errors import UsageError, suggestion
+from ibdata.dataset.reader import Dataset, Place, to_write
+from ibdata.errors import UsageError, meant
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.setpoints import SplitName
@@ -74,7 +74,7 @@ def split(
         UsageError: An argument is invalid, or is one that the scheme does not use.
         DatasetError: The dataset is damaged.
     """
-    dataset = opened(folder)
+    dataset = to_write(folder)
     spec = spec_in(dataset.stored)
     remove = [remove] if isinstance(remove, str) else remove
     points = {"source": _several(source), "target": _several(target)}
@@ -108,8 +108,7 @@ def _made(spec: DatasetSpec, by: str, given: dict[str, Any]) -> Splits:
     """The splits that a scheme makes of the options given."""
     scheme = given.get("scheme", DEFAULT_SCHEME)
     if by == "setpoint" and scheme not in SCHEMES:
-        known = f"{', '.join(SCHEMES)}{suggestion(scheme, SCHEMES)}"
-        raise UsageError(f"split: found the scheme {scheme!r}, expected one of {known}")
+        raise UsageError(f"split: found the scheme {scheme!r}{meant(str(scheme), SCHEMES)}")
     refuse_unused(given, by, scheme)
     options = {name: value for name, value in given.items() if name != "scheme"}
     return split_schemes.SCHEMES[scheme if by == "setpoint" else by](spec, **options)
@@ -121,8 +120,7 @@ def _named(splits: Splits, prefix: str | None, names: Mapping[str, str]) -> Spli
         raise UsageError("split: found a name or a prefix, but no splits to make; expected --by")
     for name in names:
         if name not in splits:
-            known = f"{', '.join(splits)}{suggestion(name, splits)}"
-            raise UsageError(f"split: found {name!r} to be renamed, expected one of {known}")
+            raise UsageError(f"split: found {name!r} to be renamed{meant(name, splits)}")
     named = {names.get(name, _prefixed(name, prefix)): split for name, split in splits.items()}
     if len(named) < len(splits):
         raise UsageError("split: found one name for two splits, expected different names")
@@ -167,7 +165,5 @@ def _refuse_removal(dataset: Dataset, spec: DatasetSpec, remove: Sequence[str]) 
                 "removed"
             )
         if name not in spec.later:
-            known = f"one of {', '.join(spec.later)}" if spec.later else "no name: no splits were made later"
-            raise UsageError(
-                f"split: found {name!r} to be removed, expected {known}{suggestion(name, spec.later)}"
-            )
+            known = meant(name, spec.later) if spec.later else ", expected no name: no splits were made later"
+            raise UsageError(f"split: found {name!r} to be removed{known}")

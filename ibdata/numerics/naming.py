@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
+from typing import Any
 
 DIGITS = 6  # of the largest number of a column
 FEWEST = 3  # of the smallest number of a column, but it alone makes no more than MOST decimals
@@ -15,13 +16,18 @@ PLAIN = (1e-6, 1e15)  # the largest number of a column that is written without a
 YAML_WORDS = frozenset({"y", "n", "yes", "no", "on", "off", "true", "false", "null"})
 
 
-def exact(number: float) -> str:
-    """The shortest text from which exactly this number is read again.
+def exact(number: Any) -> str:
+    """The shortest text from which exactly this number is read again; of a float32 of NumPy, as a float32.
 
     >>> exact(50.0), exact(12.5), exact(50.0000001), exact(1e-05)
     ('50', '12.5', '50.0000001', '1e-05')
     """
-    return repr(float(number)).removesuffix(".0")
+    return str(number if hasattr(number, "dtype") else float(number)).removesuffix(".0")
+
+
+def decimal(number: Any) -> float:
+    """The shortest decimal that is this number in its type: for the float32 nearest to 20.1, it is 20.1."""
+    return float(exact(number))
 
 
 def column_format(numbers: Sequence[float]) -> str:

@@ -13,8 +13,10 @@ Ints = npt.NDArray[np.int64]
 
 
 def whole(what: str, value: Any) -> Ints:
-    """Whole numbers (n,) from a number or an array."""
+    """Whole numbers (n,) from a number or an array, which may be empty."""
     numbers = np.asarray(value)
+    if numbers.size == 0:
+        numbers = numbers.astype(np.int64)  # whatever its type, as that of []
     if numbers.dtype.kind not in "iu" or numbers.ndim > 1:
         raise UsageError(f"{what}: found {excerpt(value)}, expected whole numbers")
     return np.atleast_1d(numbers).astype(np.int64)

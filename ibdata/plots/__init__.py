@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ibdata.arguments import public
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import IbdataError, UsageError, meant
 from ibdata.system.storage import local
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def plot(
     from ibdata.system.files import write
 
     if form not in FORMS:
-        raise UsageError(f"form: found {form!r}, expected one of {', '.join(FORMS)}")
+        raise UsageError(f"form: found {form!r}{meant(form, FORMS)}")
     shown = readable(dataset)
     name = os.path.basename(os.path.abspath(shown.place.partition("?")[0]))  # of a folder or in a URL
     folder = Path(FOLDER, name) if out is None else local(out)

@@ -6,6 +6,7 @@ import errno
 import fcntl
 import hashlib
 import io
+import math
 import os
 import shutil
 import stat
@@ -131,10 +132,7 @@ def file_sha256(path: Path) -> str | None:
     """The hex hash of a regular file, also through a link; None if it cannot be read."""
     hasher = hashlib.sha256()
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-        with os.fdopen(descriptor, "rb") as file:
-            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                return None
+        with open_regular(path) as file:
             while block := file.read(BLOCK):
                 hasher.update(block)
     except OSError:
@@ -142,13 +140,19 @@ def file_sha256(path: Path) -> str | None:
     return hasher.hexdigest()
 
 
-def plain_bytes(path: Path, most: int) -> bytes:
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file, also through a link. Raises OSError for another, such as an endless pipe."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    if stat.S_ISREG(os.fstat(descriptor).st_mode):
+        return os.fdopen(descriptor, "rb")
+    os.close(descriptor)
+    raise OSError(errno.EINVAL, "not a regular file")
+
+
+def plain_bytes(path: Path, most: float = math.inf) -> bytes:
     """Read a regular file. Raises OSError if it is larger than `most` bytes, or not a regular file."""
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
-        status = os.fstat(file.fileno())
-        if not stat.S_ISREG(status.st_mode):
-            raise OSError(errno.EINVAL, "not a regular file")
-        if status.st_size > most:
+    with open_regular(path) as file:
+        if os.fstat(file.fileno()).st_size > most:
             raise OSError(errno.EFBIG, f"larger than {most} bytes")
         return file.read()
 

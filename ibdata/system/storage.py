@@ -11,14 +11,13 @@ import hashlib
 import os
 import re
 import shutil
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ibdata.errors import DatasetError, IbdataError, UsageError, hidden, missing, printable
-from ibdata.system.files import FileEntry, is_litter, paths_in
+from ibdata.system.files import FileEntry, is_litter, open_regular, paths_in
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -58,12 +57,7 @@ class Storage:
         import pyarrow as pa
 
         place = self._path / path
-        descriptor = os.open(place, os.O_RDONLY | os.O_NONBLOCK)  # its errors are plainer than Arrow's
-        try:
-            if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # a pipe might never end
-                raise OSError(errno.EINVAL, "not a regular file")
-        finally:
-            os.close(descriptor)
+        open_regular(place).close()  # its errors are plainer than Arrow's
         return pa.OSFile(os.fsencode(place))
 
     def stamp(self, path: str) -> Any:
@@ -239,11 +233,16 @@ def local(place: Any) -> Path:
 
 
 def existing(place: Any) -> Any:
-    """A place, or the folder below data/ where only that exists."""
+    """A place to read, or the folder below data/ that a plain name may mean where only that exists."""
     if not isinstance(place, str | Path) or is_url(place) or os.path.lexists(local(place)):
         return place
-    below = os.path.join("data", place)
-    return below if os.path.lexists(below) else place
+    below = in_data(place)
+    return below if below is not None and os.path.lexists(below) else place
+
+
+def in_data(name: str | Path) -> Path | None:
+    """The folder below data/ of a plain name; None for a path from the root, or one that leads upwards."""
+    return None if os.path.isabs(name) or ".." in Path(name).parts else Path("data", name)
 
 
 def refuse_url(*places: Any) -> None:

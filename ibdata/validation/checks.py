@@ -130,7 +130,7 @@ def _rows(experiment: Experiment, piece: Piece, described: Moments) -> Rows:
     ranges = {
         name: (float(described.low[i]), float(described.high[i]))
         for i, name in enumerate(piece.floats.names)
-        if np.isfinite(described.squares[i])
+        if described.counts[i] == described.rows
     }
     return Rows(experiment, piece.episodes, columns(experiment), columns_by_name, ranges)
 

@@ -11,6 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment.dataset_spec import declared_spec
+from ibdata.system.processes import available_processors
 from ibdata.system.progress import Advance, bar, unseen
 from ibdata.system.storage import existing, storage
 from ibdata.validation.checks import check_shard, metadata_problems, splits_problems
@@ -32,7 +33,8 @@ def validate(
     4. So is what follows from the experiments and the rows: shards, columns, counts, splits, table of
        episodes, statistics. Values are compared, not bytes.
 
-    README.md and report.html are yours to edit, and are not checked.
+    README.md must be there, for `datasets.load_dataset`. It and report.html are yours to edit: what they say
+    is not checked.
 
     Args:
         folder: A folder or a URL, as in `open`.
@@ -60,6 +62,7 @@ def _quickly(stored: Stored, progress: bool | None) -> Iterator[Problem]:
     with bar(progress, len(stored.manifest.files), "files") as advance:
         yield from check_files(stored, advance)
     yield from splits_problems(stored)
+    yield from card_problems(stored)
 
 
 def _fully(stored: Stored, progress: bool | None) -> Iterator[Problem]:
@@ -67,6 +70,7 @@ def _fully(stored: Stored, progress: bool | None) -> Iterator[Problem]:
         contents = list(_contents(stored, files, advance))
         yield from files.problems()
     yield from unlisted_files(stored)
+    yield from card_problems(stored)
     yield from contents
 
 
@@ -103,9 +107,6 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
     yield from splits_problems(stored)
 
 
-THREADS = os.cpu_count() or 1
-
-
 def check_files(stored: Stored, advance: Advance) -> Iterator[Problem]:
     """The listed files that are missing or changed, and files in `data` that are not listed."""
     with Hashing(stored) as files:
@@ -133,6 +134,20 @@ def unlisted_files(stored: Stored) -> Iterator[Problem]:
             yield Problem(path, None, "file", message)
 
 
+def card_problems(stored: Stored) -> Iterator[Problem]:
+    """Whether there is a card: only its front matter says that the files in `meta` are no rows."""
+    try:
+        stored.storage.open(manifest.CARD).close()
+    except OSError:
+        message = f"found no file that can be read, which load_dataset needs{remedy(stored)}"
+        yield Problem(manifest.CARD, None, "file", message)
+
+
+def remedy(stored: Stored) -> str:
+    """The end of a message that says what makes a file again; nothing does at a URL."""
+    return "; ibdata repair makes it again" if stored.storage.url is None else ""
+
+
 def _is_read(name: str) -> bool:
     """Whether a reader may take a file or folder of this name; polars and duckdb take hidden ones too."""
     return not name.startswith(".") or name.lower().endswith(".parquet") or name.endswith("/")
@@ -144,8 +159,8 @@ class Hashing:
     def __init__(self, stored: Stored, paths: Container[str] | None = None) -> None:
         entries, storage = stored.manifest.entries(), stored.storage
         self._expected = {path: entries[path] for path in entries if paths is None or path in paths}
-        self._todo = "; ibdata repair makes it again" if storage.url is None else ""
-        self._threads = ThreadPoolExecutor(THREADS)  # hashing releases the interpreter's lock
+        self._todo = remedy(stored)
+        self._threads = ThreadPoolExecutor(available_processors())  # hashing releases the interpreter's lock
         self._found = {path: self._threads.submit(storage.entry, path) for path in self._expected}
 
     def __enter__(self) -> Hashing:

@@ -8,7 +8,9 @@ import pyarrow as pa
 
 from ibdata.dataset.models import Info
 from ibdata.dataset.returns import averages, behaviour_returns
+from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import column_texts
+from ibdata.errors import printable
 from ibdata.experiment import Experiment
 from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -17,7 +19,7 @@ from ibdata.measures.returns import ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
 from ibdata.writing.edited import sealed
-from ibdata.writing.metadata import info, splits
+from ibdata.writing.metadata import info, splits, unread_shards
 from ibdata.writing.shard import WrittenShard
 
 SOURCES = {
@@ -97,6 +99,13 @@ def card(
     return sealed("\n".join(parts).encode())
 
 
+def card_of(stored: Stored, spec: DatasetSpec, measured: Quality | None = None) -> bytes:
+    """The bytes of the card of a dataset that is there."""
+    listed = stored.manifest
+    version = printable(listed.versions.get("ibdata", __version__))
+    return card(spec, unread_shards(spec, listed), listed.content_root, stored.episodes, version, measured)
+
+
 def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
     """The lines of the card's table: names and values, with code in backticks."""
     experiments = spec.experiments
@@ -126,12 +135,23 @@ def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
         "configs:",
         "  - config_name: default",
         "    default: true",
-        "    data_files: data/part-*.parquet",
+        "    data_files:",
     ]
-    for name in spec.declared:  # Hugging Face knows splits that are whole files
-        lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
-        lines += [f"      - {w.entry.path}" for w in written if name in w.shard.splits]
+    parts = {name: [w.entry.path for w in written if name in w.shard.splits] for name in spec.declared}
+    disjoint = all(len(w.shard.splits) == 1 for w in written)  # and all that there is
+    if not disjoint:
+        lines += _data_files("everything" if parts else "train", ["data/part-*.parquet"])
+    for name, paths in parts.items():
+        if not disjoint:
+            lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
+        lines += _data_files(name, paths)
     return "\n".join([*lines, "---", ""])
+
+
+def _data_files(split: str, paths: Sequence[str]) -> list[str]:
+    """The lines of a split that is whole files, under a name that Hugging Face admits."""
+    name = "all_" if split == "all" else split.replace("-", "_")
+    return [f"      - split: {yaml_name(name)}", "        path:", *(f"          - {path}" for path in paths)]
 
 
 def _text(spec: DatasetSpec, root: str) -> str:

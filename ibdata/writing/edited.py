@@ -13,8 +13,8 @@ from itertools import count
 from pathlib import Path
 
 from ibdata.dataset import manifest
-from ibdata.errors import notice
-from ibdata.system.files import keep_access, write_new
+from ibdata.errors import UsageError, notice
+from ibdata.system.files import keep_access, plain_bytes, write_new
 
 EDITABLE = (manifest.CARD, manifest.REPORT)
 KEPT = re.compile(rf"({'|'.join(map(re.escape, EDITABLE))})\.old(-[0-9]+)?")
@@ -36,7 +36,10 @@ def keep_edited(name: str, old: Path, new: Path) -> None:
     file = old / name
     if not os.path.lexists(file):
         return
-    text = file.read_bytes()
+    try:
+        text = plain_bytes(file)
+    except OSError as error:
+        raise UsageError(f"{file}: cannot be kept: {error.strerror}; move it away") from None
     if text == sealed(text.rpartition(SEAL)[0]):
         return
     names = (f"{name}.old" + (f"-{i}" if i > 1 else "") for i in count(1))
@@ -50,7 +53,7 @@ def keep_all(old: Path, new: Path) -> None:
     """Keep what somebody has edited in a folder that is replaced, and what was kept there before."""
     for file in old.iterdir():
         if KEPT.fullmatch(file.name):
-            write_new(new, file.name, file.read_bytes())
+            write_new(new, file.name, plain_bytes(file))
             keep_access(file, new / file.name)
     for name in EDITABLE:
         keep_edited(name, old, new)

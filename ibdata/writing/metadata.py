@@ -24,7 +24,7 @@ from ibdata.dataset.models import (
     Statistics,
 )
 from ibdata.dataset.statistics import described, merged
-from ibdata.dataset.stored import EPISODE_SCHEMA
+from ibdata.dataset.stored import episode_schema
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Run
 from ibdata.experiment.plan import Shard
@@ -129,6 +129,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         parts = zip(shards, address, strict=True)
         return np.concatenate([values[shard.experiment][cell] for shard, (cell, _) in parts])
 
+    dtype = _setpoint_type(spec)
     length = np.repeat([e.steps for e in experiments], counts)
     row_start = np.concatenate([np.arange(n) * e.steps for n, e in zip(counts, experiments, strict=True)])
     digests = [digest for w in written for digest in w.content.digests]
@@ -136,7 +137,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         arrow_array(np.concatenate([n + s.offset for s, n in zip(shards, numbers, strict=True)])),
         arrow_texts(of_cells(lambda cell: cell.digest.hex(), cells), list(cells)),
         arrow_array(np.concatenate([index for _, index in address])),
-        arrow_array(of_cells(lambda cell: cell.setpoint)),
+        arrow_array(of_cells(lambda cell: cell.setpoint).astype(dtype)),
         arrow_texts(of_cells(lambda cell: cell.label, spec.labels), spec.labels),
         _acting(spec, shards),
         _lists([shard.splits for shard in shards], counts),
@@ -147,7 +148,14 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         arrow_array(row_start + length),
         pa.Array.from_buffers(pa.binary(32), len(digests), [None, pa.py_buffer(b"".join(digests))]),
     ]
-    return pa.table(arrays, schema=EPISODE_SCHEMA)
+    return pa.table(arrays, schema=episode_schema(dtype))
+
+
+def _setpoint_type(spec: DatasetSpec) -> str:
+    """That of the rows, to which the table is joined, unless it makes two setpoints one."""
+    dtype = spec.experiments[0].output.dtype
+    points = {cell.setpoint for experiment in spec.experiments for cell in experiment.cells}
+    return dtype if len(set(np.array(list(points), dtype).tolist())) == len(points) else "float64"
 
 
 def _acting(spec: DatasetSpec, shards: list[Shard]) -> pa.Array:

@@ -50,7 +50,10 @@ class ShardSummary(NamedTuple):
 
 
 # Stands for the content of a shard that was not read.
-UNREAD = ShardSummary([], np.empty(0), Moments(0, *(np.empty(0) for _ in range(4))), np.empty((0, 0)), 0)
+NONE = np.empty(0)
+UNREAD = ShardSummary(
+    [], NONE, Moments(0, NONE, NONE, NONE, NONE, np.empty(0, np.int64)), np.empty((0, 0)), 0
+)
 
 
 class WrittenShard(NamedTuple):
@@ -85,7 +88,7 @@ class ShardSummarizer:
         """The summary of all pieces. Raises IbdataError if a value is not finite."""
         moments = self._statistics.moments
         names = layout(self.experiment).names
-        finite = np.isfinite(moments.squares)
+        finite = moments.counts == moments.rows
         finite[names.index("action_log_prob")] = True  # a custom policy may not know its density
         if not finite.all():
             name = names[int(np.argmin(finite))]
@@ -241,9 +244,9 @@ def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
         file = io.BytesIO(read_sealed(_receipt_path(root, shard)))
     except OSError:
         return None
-    header, digests, returns, mean, squares, low, high, sample = (np.load(file) for _ in range(8))
+    header, digests, returns, *arrays, sample = (np.load(file) for _ in range(9))
     known = json.loads(header.tobytes())
-    moments = Moments(known["rows"], mean, squares, low, high)
+    moments = Moments(known["rows"], *arrays)
     summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
     return WrittenShard(shard, FileEntry(*known["file"]), summary)
 

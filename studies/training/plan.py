@@ -19,6 +19,7 @@ SOURCE, TARGET, FEW = 50, 75, (1, 2, 5, 10)
 SOURCES, TARGETS = tuple(range(10, 100, 10)), tuple(range(55, 105, 5))
 WAYS = ("target", "source", "pooled", "fine-tuned")
 OF_TRANSFER = [MODEL_BASED, "bc", "iql"]
+BLIND_FEW = FEW[:2]
 ZERO: dict[str, Any] = {"kind": "constant", "name": "zero"}
 BEHAVIOURS = dict.fromkeys(["random", "transfer", "drifting", "random-paper", "setpoints/random"], "random")
 BEHAVIOURS |= {"safe": "safe", "setpoints/expert": "expert"}  # the kinds of policies that made the sets
@@ -93,9 +94,10 @@ def exploration(seed: int) -> list[Run]:
 def transfer(seed: int) -> list[Run]:
     """From setpoint 50 to 75: learned from the target, the source, both together, and one after the other."""
     parts = [part(way, count) for way in WAYS for count in FEW]
-    return [
+    runs = [
         Run("transfer", data, algorithm, seed) for algorithm in OF_TRANSFER for data in dict.fromkeys(parts)
     ]
+    return runs + [Run("transfer", part("pooled", count), f"iql{BLIND}", seed) for count in BLIND_FEW]
 
 
 def across() -> list[Run]:

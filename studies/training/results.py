@@ -73,8 +73,12 @@ def means(returns: Sequence[Floats], divisor: float = 100.0) -> list[float]:
 
 def with_error(returns: Floats, divisor: float = 100.0, digits: int = 2) -> str:
     """The mean over episodes with its standard error."""
-    estimated = estimate(list(returns / divisor))
-    return f"{number(estimated.mean, digits)} ± {number(estimated.standard_error or 0.0, digits)}"
+    return shown(estimate(list(returns / divisor)), digits)
+
+
+def shown(found: Estimate, digits: int = 2) -> str:
+    """A mean with its standard error."""
+    return f"{number(found.mean, digits)} ± {number(found.standard_error or 0.0, digits)}"
 
 
 def difference(returns: Sequence[Floats], base: Floats, divisor: float = 100.0) -> Estimate:

@@ -80,6 +80,13 @@ def test_a_dataset_that_is_not_there_is_exit_code_3(run, line, message):
     assert (code, out, message in err) == (3, "", True)
 
 
+@pytest.mark.parametrize("part", ["5-", "-5", "5-3", "-", "", "1-2-3", "1.5"])
+def test_a_range_of_episodes_has_two_ends(run, data, part):
+    code, _, said = run("stats", str(data), "--episodes", f"0,{part}")
+    assert code == 2
+    assert f"--episodes: found {part!r}, expected a number, or a range such as 0-9" in said
+
+
 def test_generate_prints_the_dataset_on_stdout_only(run):
     ibdata.generate("random", "compiled", overrides=["steps=3"], workers=1)  # which says so, the first time
     code, out, err = run("generate", "random", *TINY)
@@ -125,9 +132,9 @@ def test_a_suite_is_made_in_a_folder_of_its_name(run, tmp_path):
 FEW = ("--episodes", "5", "--steps", "20")
 COLUMNS = [
     "policy", "setpoint", "episodes", "mean_return", "standard_error", "interval", "p10", "mean_reward",
-    "score", "score_error", "expert_score", "clipped", "mean_cost", "violations",
+    "score", "score_error", "expert_score", "clipped", "mean_cost", "cost_error", "violations",
 ]  # fmt: skip
-HIDDEN = ("interval", "clipped", "mean_cost", "violations")  # in tables
+HIDDEN = ("interval", "clipped", "mean_cost", "cost_error", "violations")  # in tables
 
 
 def test_evaluate_prints_results_differences_and_the_scale(run):

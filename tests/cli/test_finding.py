@@ -51,6 +51,19 @@ def test_datasets_of_every_state_are_listed(made, made_at, run):
     assert run("info", "data")[2].endswith("is missing; ibdata ls data lists the datasets in it\n")
 
 
+@pytest.mark.parametrize("words", [["info", "data/tiny"], ["stats", "data/tiny"]])
+def test_a_summary_names_files_that_are_lost(made, run, words):
+    assert run(*words)[2] == ""
+    shard = next(made.path.glob("data/*.parquet"))
+    shard.unlink()
+    code, out, err = run(*words)
+    line = "ibdata: data/tiny: 1 of 2 Parquet files missing; see ibdata validate data/tiny\n"
+    assert (code, err) == (0, line)
+    assert "reward" in out
+    shard.symlink_to("nowhere")  # as of git-annex, before the file is fetched
+    assert run(*words)[2] == line
+
+
 def test_links_to_datasets_are_followed(made, run):
     Path("linked").mkdir()
     Path("linked/far").symlink_to(made.path)
@@ -65,7 +78,12 @@ def test_links_to_datasets_are_followed(made, run):
     ("args", "code", "near"),
     [
         (("config", "vaildate"), 2, "validate"),
+        (("list",), 2, "ls"),
+        (("report", "data/tiny"), 2, "card"),
+        (("config", "check"), 2, "validate"),
         (("info", "dta/tinny"), 3, "data/tiny"),
+        (("info", "data/tiny/data"), 3, "data/tiny"),
+        (("validate", "data/tiny/meta/manifest.json"), 3, "data/tiny"),
         (("head", "data/tiny", "--columns", "rewrad"), 2, "reward"),
         (("stats", "data/tiny", "--split", "lo"), 2, "low"),
         (("generate", "randm.yaml"), 2, "random"),

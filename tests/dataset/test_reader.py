@@ -66,7 +66,7 @@ def test_columns_come_in_the_order_asked_for(dataset):
 
 
 @splits
-@pytest.mark.parametrize("batch_rows", [1, 33, 100_000])
+@pytest.mark.parametrize("batch_rows", [1, 33, 2**70])
 def test_batches_are_the_rows_in_order_and_not_too_long(dataset, split, batch_rows):
     batches = list(dataset.iter_batches(["episode", "step", "reward"], split, batch_rows))
     assert max(batch.num_rows for batch in batches) <= min(batch_rows, 80)
@@ -140,6 +140,8 @@ def test_head_reads_on_from_a_row_to_the_end(dataset, at):
     found = dataset.head(40, at=at).to_pandas(ignore_metadata=True)
     assert found.equals(frame.iloc[first : first + 40].reset_index(drop=True))
     assert dataset.head(2, ["reward"]).num_rows == 2
+    assert dataset.head(2**70, at=at).num_rows == len(frame) - first
+    assert dataset.head(2**70).num_rows == len(frame)
 
 
 HISTORY = "history: found {}, expected a whole number of at least 1"
@@ -193,13 +195,13 @@ def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
 
 
 def test_a_dataset_is_looked_for_in_data(dataset, tmp_path, monkeypatch):
-    """By functions that take a folder; they take a dataset too."""
+    """By functions that read a folder; all of them take a dataset too."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(dataset.path, "data/suite/set")
     found = ibdata.open("suite/set")
     assert found.place == "data/suite/set"
     for place in ("suite/set", found):
-        assert ibdata.validate(place) == ibdata.repair(place) == []
+        assert ibdata.validate(place) == ibdata.repair(found) == []
         assert ibdata.reproduce(place, episodes=1) == (1, [])
     Path("suite").mkdir()
     shutil.copytree(dataset.path, "suite/set")

@@ -5,6 +5,7 @@ import math
 import pickle
 import re
 
+import numpy as np
 import pytest
 
 import ibdata
@@ -51,6 +52,21 @@ def test_texts_of_a_dataset_can_forge_neither_lines_nor_html():
     assert as_text(table) == "name\n<b>\\n\\x1b[1m\n<i>\\nsafe"
     assert cells(as_html([table])) == ["&lt;b&gt;\\n\\x1b[1m"]
     assert "<i>" not in as_html([table])
+
+
+def test_statistics_of_a_column_say_of_how_many_rows_they_are(describe, made_at, tmp_path):
+    """The density of `coloured_noise` is not known."""
+    policies = [{"kind": "coloured_noise", "period": 4}, {"kind": "random"}, {"kind": "safe"}]
+    dataset = made_at(describe(policies=policies, output={"shard_rows": 40}), tmp_path / "made")
+    assert ibdata.validate(dataset) == []
+    known = dataset.table(["action_log_prob"], policy=["random", "safe"])["action_log_prob"].to_numpy()
+    for columns in (dataset.statistics(), dataset.select(episodes=range(18)).statistics()):
+        found = columns["action_log_prob"]
+        assert (found["count"], found["min"], found["max"]) == (480, known.min(), known.max())
+        assert found["mean"] == pytest.approx(known.mean(dtype=float), rel=1e-12)
+        assert found["quantiles"]["0.5"] == np.quantile(known, 0.5, method="inverted_cdf")
+        assert columns["reward"]["count"] == 720
+        assert repr(columns).endswith("\naction_log_prob: of the 480 of 720 rows that have a number")
 
 
 def test_a_dataset_shows_what_it_holds_and_its_splits(dataset, moving):

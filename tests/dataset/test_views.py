@@ -152,7 +152,7 @@ COLUMNS = "observe: found {}, expected columns of the dataset"
     [
         (lambda d: d.arrays(view={"observe": ["latent_penalty"]}), COLUMNS.format("latent_penalty")),
         (lambda d: d.arrays(view={"observe": ["latent_drift_rate"]}), COLUMNS.format("latent_drift_rate")),
-        (lambda d: d.arrays(columns=["rewrad"]), "column: found 'rewrad', .* did you mean 'reward'"),
+        (lambda d: d.arrays(columns=["rewrad"]), "column: found 'rewrad'; did you mean 'reward'"),
         (lambda d: d.iter_batches(["reward"], view=MARKOV), "columns: found columns beside a view"),
     ],
     ids=["derived", "drift", "columns", "both"],

@@ -127,6 +127,8 @@ def test_a_replay_through_a_view_shows_its_rows(played, view):
     for simulation in (Simulation(settings_of(played, view=view), 12), Lane(settings_of(played, view=view))):
         episodes = range(simulation.n) if simulation.n > 1 else [7]
         noises, shown = begun(simulation, played, episodes), {}
+        assert ("cost" in view) == ("cost" in simulation.info())
+        assert not any(simulation.info().get("cost", []))  # before the first step, which is none itself
         for t in range(40):
             before = simulation.observations()
             drawn = np.array(

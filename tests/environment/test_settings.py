@@ -30,7 +30,7 @@ WRONG = {
         "did you mean 'drifting'?",
         (10, 20): "found (10, 20), expected one, or one that moves",
     },
-    "dynamics": {"simens": "found 'simens', expected one of siemens, paper; did you mean 'siemens'?"},
+    "dynamics": {"simens": "found 'simens'; did you mean 'siemens'?"},
     "start": {"anywhere": "found 'anywhere', expected one of default, uniform"},
     "history": {
         0: "found 0, expected a whole number of at least 1",

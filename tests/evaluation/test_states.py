@@ -82,6 +82,29 @@ def test_a_merged_dataset_has_the_states_of_its_parts(dataset, describe, tmp_pat
     equal(state_at(both, ([3, 12 + 4], [39, 19])), pair)
 
 
+WAYS = "(episode, step), or an array of pairs of them (n, 2), or of numbers of rows"
+
+
+@pytest.mark.parametrize("rows", [[3, 10], (3, 10, 17), ((3, 10), (4, 17))], ids=str)
+def test_rows_that_might_be_meant_in_two_ways_are_refused(dataset, rows):
+    with pytest.raises(UsageError) as caught:
+        state_at(dataset, rows)
+    assert str(caught.value) == f"rows: found {rows}, expected {WAYS}"
+
+
+def test_lists_are_arrays_where_only_one_thing_can_be_meant(dataset):
+    pairs = state_at(dataset, ([3, 4], [10, 17]))
+    for rows in ([[3, 10], [4, 17]], [(3, 10), (4, 17)], np.array([3 * 40 + 10, 4 * 40 + 17])):
+        equal(state_at(dataset, rows), pairs)
+    equal(state_at(dataset, [0, 130, 177]).take(np.array([1, 2])), pairs)
+
+
+@pytest.mark.parametrize("rows", [[], np.array([]), np.empty((0, 2)), ([], []), range(0)], ids=repr)
+def test_no_row_is_one_line(dataset, rows):
+    with pytest.raises(UsageError, match=r"^rows: found no row, expected at least one$"):
+        state_at(dataset, rows)
+
+
 @pytest.mark.parametrize(
     ("episode", "step", "message"),
     [

@@ -87,7 +87,7 @@ def test_a_policys_own_draws_come_from_the_address_with_its_form(dataset):
 
 def test_the_first_action_may_be_given(dataset):
     given = [[1.0, 0.0, -0.5], [0.0, 0.25, 3.0]]  # clipped to 1
-    found = branches(dataset, [0, 100], NUDGE, given)
+    found = branches(dataset, np.array([0, 100]), NUDGE, given)
     for i, (episode, step, first) in enumerate([(0, 0, given[0]), (2, 20, [0.0, 0.25, 1.0])]):
         actions = [first, *[NUDGE["action"]] * 11]
         expected = [replayed(dataset, episode, step, j, actions) for j in range(5)]
@@ -103,7 +103,7 @@ def test_q_of_a_policys_own_action_is_v(dataset):
 
 def test_a_policy_knows_what_it_would_have_seen(dataset, monkeypatch):
     monkeypatch.setattr(Recalling, "given", [])
-    branches(dataset, [40 * 5 + 20, 40 * 5 + 3], Recalling(), [[1, 0, 0], [1, 0, 0]], episodes=2)
+    branches(dataset, np.array([40 * 5 + 20, 40 * 5 + 3]), Recalling(), [[1, 0, 0], [1, 0, 0]], episodes=2)
     moved = dataset.to_pandas()["act_velocity"].to_numpy()[200:]
     digest = by_hand.experiment_of(dataset).cells[1].digest
     [drawn] = by_hand.uniforms_at(0, digest, 2, Purpose.EPISODE_POLICY, 0, 4)[:1]
@@ -124,17 +124,17 @@ def test_a_policy_knows_what_it_would_have_seen(dataset, monkeypatch):
 
 def test_nothing_but_the_address_matters(dataset):
     """Other rows, their order, more branches, and more than a block holds."""
-    few = branches(dataset, [7, 300], "random")
-    np.testing.assert_array_equal(branches(dataset, [7, 300], "random"), few)
+    few = branches(dataset, np.array([7, 300]), "random")
+    np.testing.assert_array_equal(branches(dataset, np.array([7, 300]), "random"), few)
     np.testing.assert_array_equal(branches(dataset, [300, 5, 7, 7], "random")[[2, 0]], few)
-    many = branches(dataset, [300, 7], "random", episodes=400)
+    many = branches(dataset, np.array([300, 7]), "random", episodes=400)
     np.testing.assert_array_equal(many[::-1, :5], few)
     assert len(np.unique(many)) == 800
-    assert (branches(dataset, [7, 300], "random", seed=1) != few).all()
+    assert (branches(dataset, np.array([7, 300]), "random", seed=1) != few).all()
 
 
 def test_rows_may_be_numbers_pairs_or_a_table(dataset):
-    expected = branches(dataset, [85, 410], "safe")
+    expected = branches(dataset, np.array([85, 410]), "safe")
     frame = dataset.to_pandas()
     for rows in (
         np.array([85, 410]),
@@ -147,7 +147,7 @@ def test_rows_may_be_numbers_pairs_or_a_table(dataset):
 
 
 def test_values_are_means_with_their_errors(dataset):
-    found = true_values(dataset, [85, 410], "random", steps=12, episodes=50)
+    found = true_values(dataset, np.array([85, 410]), "random", steps=12, episodes=50)
     assert [(r.episode, r.step, r.action) for r in found.results] == [(2, 5, None), (10, 10, None)]
     np.testing.assert_allclose(found.values, found.returns.mean(axis=1), rtol=1e-14)
     np.testing.assert_allclose(
@@ -181,6 +181,6 @@ def test_values_are_means_with_their_errors(dataset):
 )
 def test_what_cannot_be_meant_is_one_line(dataset, arguments, message):
     with pytest.raises((UsageError, ConfigError)) as caught:
-        true_values(dataset, **{"rows": [0, 1], "policy": "random", **arguments})
+        true_values(dataset, **{"rows": range(2), "policy": "random", **arguments})
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)

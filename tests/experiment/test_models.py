@@ -18,6 +18,7 @@ import pytest
 from ibdata.dynamics import PAPER, SIEMENS, Variant
 from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, load
+from ibdata.experiment.setpoints import repeated
 
 RANDOM = {"kind": "random"}
 SAFE = {"kind": "safe"}
@@ -233,6 +234,22 @@ def test_shares_of_splits_are_ranges_that_do_not_meet(episodes, ranges):
 def test_a_declared_split_without_an_episode_is_refused(split):
     with pytest.raises(ConfigError, match=r"splits\.held\.(episodes|setpoint|policy): found .*, expected"):
         experiment(splits={"train": {"episodes": "first 90%"}, "held": {**split, "overlap": True}})
+
+
+def test_a_repeated_setpoint_is_found_without_comparing_each_with_each():
+    compared = []
+
+    class Point(float):
+        __hash__ = float.__hash__
+
+        def __eq__(self, other):
+            compared.append(other)
+            return float(self) == other
+
+    points = [Point(number / 8) for number in range(801)]
+    assert repeated(points) is None
+    assert len(compared) < 8 * len(points)
+    assert repeated([*points, Point(12.5)]) == "found 12.5 twice, expected each setpoint once"
 
 
 def test_a_shipped_set_of_one_episode_is_made_without_splits():

@@ -114,8 +114,8 @@ def test_the_row_of_an_episode_has_its_place_and_its_statistics(made):
 
 
 def test_the_statistics_of_all_frames_are_theirs(made):
-    """But quantiles are means of those of the episodes, as in LeRobot."""
-    found, rows = parquet(made / "data"), episode_rows(made)
+    """Quantiles too, which LeRobot itself averages over the episodes: the setpoint has 20, 70 and no mean."""
+    found = parquet(made / "data")
     statistics = json.loads((made / "meta" / "stats.json").read_text())
     assert list(statistics) == list(found)
     for name, array in found.items():
@@ -124,9 +124,10 @@ def test_the_statistics_of_all_frames_are_theirs(made):
         assert (told["min"], told["max"]) == (values.min(0).tolist(), values.max(0).tolist())
         np.testing.assert_allclose(told["mean"], values.mean(0), rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(told["std"], values.std(0), rtol=1e-9, atol=1e-12)
-        mean = np.mean([row[f"stats/{name}/q90"] for row in rows], axis=0)
-        np.testing.assert_allclose(told["q90"], mean, rtol=1e-12, atol=1e-12)
+        for q in ("q01", "q10", "q50", "q90", "q99"):
+            np.testing.assert_allclose(told[q], np.quantile(values, int(q[1:]) / 100, axis=0), rtol=1e-12)
         assert told["count"] == [480]
+    assert (statistics["observation.state"]["q01"][0], statistics["observation.state"]["q99"][0]) == (20, 70)
 
 
 def test_a_task_is_a_setpoint(made):

@@ -1,7 +1,10 @@
 """For every format: an export is complete or absent, and replaces another one only when that is said."""
 
+import io
 import os
+from itertools import count
 
+import h5py
 import pytest
 from exporters.reading import holds, one_setpoint
 from helpers import python
@@ -79,6 +82,45 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     assert done.returncode == 1
     assert "cannot be written" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("to", ["lerobot", "neorl", "npz"])
+def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, monkeypatch):
+    """zipfile, which fails to open a file to add to it, empties it, and goes on."""
+    split, real, numbers = one_setpoint(to), io.open, count(1)
+
+    def once(file, mode="r", *args, **options):
+        if set(mode) & set("awx+") and str(tmp_path) in str(file) and next(numbers) == fails:
+            raise OSError(5, "stale")
+        return real(file, mode, *args, **options)
+
+    monkeypatch.setattr(io, "open", once)
+    for fails in count(1):
+        numbers = count(1)
+        try:
+            made = ibdata.export(dataset, to, tmp_path / f"{fails}", split=split)
+        except IbdataError as error:
+            assert "stale" in str(error)
+            continue
+        break
+    assert next(numbers) == fails > 1  # nothing failed
+    holds(made, dataset, split, made.history)
+
+
+@pytest.mark.parametrize("to", ["d3rlpy", "d4rl"])
+def test_what_hdf5_loses_is_an_error(dataset, tmp_path, to, monkeypatch):
+    """It closes a file without a word after a write that the system refused."""
+    close = h5py.File.__exit__
+
+    def losing(file, *args):
+        if file.mode == "r+":
+            file["rewards_11" if to == "d3rlpy" else "rewards"][-1] = 1.0
+        close(file, *args)
+
+    monkeypatch.setattr(h5py.File, "__exit__", losing)
+    with pytest.raises(IbdataError, match="made: cannot be written: HDF5 has lost what it wrote"):
+        ibdata.export(dataset, to, tmp_path / "made")
     assert list(tmp_path.iterdir()) == []
 
 

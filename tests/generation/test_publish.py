@@ -10,7 +10,9 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import part_of
 
 import ibdata
+from ibdata.errors import UsageError
 from ibdata.system import part
+from ibdata.writing.edited import keep_all
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -69,13 +71,31 @@ def test_what_was_edited_twice_is_kept_twice(capsys, name):
     assert ibdata.validate("out") == []
 
 
-def test_a_card_that_cannot_be_read_is_not_lost():
-    Path("out/README.md").unlink()
-    Path("out/README.md").mkdir()
-    Path("out/README.md/mine").write_text("mine")
-    with pytest.raises(ibdata.IbdataError, match=r"^out: cannot be written: Is a directory$"):
+def test_a_card_that_is_no_file_is_not_lost():
+    """A pipe gives no end of a text."""
+    for name, make, what in (("README.md", os.mkdir, "folder"), ("report.html", os.mkfifo, "file")):
+        path = Path("out", name).resolve()
+        path.unlink(missing_ok=True)
+        make(path)
+        with pytest.raises(
+            UsageError, match=f"^{path}: found a {what} that is not the dataset's; move it away"
+        ):
+            replace()
+        assert path.exists()
+        path.rename(name)
+
+
+@pytest.mark.parametrize("name", ["README.md", "README.md.old"])
+def test_what_becomes_a_pipe_while_a_run_lasts_does_not_stop_it(monkeypatch, name):
+    def piped(*arguments):
+        Path("out", name).unlink(missing_ok=True)
+        os.mkfifo(Path("out", name))
+        return keep_all(*arguments)
+
+    monkeypatch.setattr("ibdata.generation.publish.keep_all", piped)
+    with pytest.raises(ibdata.IbdataError, match="not a regular file"):
         replace()
-    assert Path("out/README.md/mine").read_text() == "mine"
+    assert Path("out", name).is_fifo()
 
 
 def test_all_files_keep_their_mode_under_another_umask():

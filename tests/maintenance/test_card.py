@@ -16,7 +16,7 @@ from helpers.folders import contents
 import ibdata
 from ibdata.dataset import manifest
 from ibdata.dataset.tabular import column_texts
-from ibdata.errors import BusyError, DatasetError
+from ibdata.errors import BusyError, DatasetError, UsageError
 from ibdata.plots import drawn, plots
 from ibdata.report import card
 from ibdata.system.part import locked_part
@@ -128,6 +128,16 @@ def test_the_report_says_what_the_dataset_is(carded, page):
     names, values, meanings = zip(*measured.rows, strict=True)
     for row in zip(names, column_texts(values), meanings, strict=True):
         assert page.has_row(*row)
+
+
+def test_a_card_that_is_a_pipe_is_named(plain, tmp_path, monkeypatch):
+    folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
+    (folder / "README.md").unlink()
+    os.mkfifo(folder / "README.md")
+    monkeypatch.setattr("ibdata.maintenance.card.drawn", lambda dataset: None)
+    monkeypatch.setattr("ibdata.maintenance.card.page", lambda *arguments: b"")
+    with pytest.raises(UsageError, match=r"README.md: cannot be kept: not a regular file; move it away$"):
+        card(folder)
 
 
 def test_without_matplotlib_only_the_card_is_written(ibdata, plain, carded, tmp_path):

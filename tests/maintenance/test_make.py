@@ -3,12 +3,15 @@
 The environments are tested where Gymnasium is installed, in tests/bridges/gymnasium/test_make.py.
 """
 
+import shutil
 import threading
 from contextlib import ExitStack
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.folders import part_of
 
 import ibdata
 from ibdata.errors import BusyError, DatasetError, IbdataError, UsageError
@@ -36,7 +39,7 @@ def cache(tmp_path, monkeypatch):
 def test_a_set_is_made_once_and_then_opened(cache):
     environment, train, validation = ibdata.make("random", history=3)
     assert environment == "environment"
-    assert (train["observations"].shape, validation["observations"].shape) == ((72, 18), (8, 18))
+    assert (train["observations"].shape, validation["observations"].shape) == ((40, 18), (40, 18))
     made = (cache / "random/meta/manifest.json").stat()
     again = ibdata.make("random")
     assert again[1]["rewards"].tolist() == train["rewards"].tolist()
@@ -49,10 +52,10 @@ def test_a_set_is_made_once_and_then_opened(cache):
 def test_other_content_in_the_cache_is_made_again(cache):
     ibdata.generate(ibdata.load("random", {"steps": 3}), cache / "random")
     _, train, _ = ibdata.make("random")
-    assert len(train["rewards"]) == 72
+    assert len(train["rewards"]) == 40
     ibdata.generate(ibdata.load("random", {"steps": 3}, 1), cache / "random-seed-1")
     _, train, _ = ibdata.make("random", seed=1)
-    assert len(train["rewards"]) == 72
+    assert len(train["rewards"]) == 40
 
 
 def test_a_content_root_may_be_asked_for(cache, monkeypatch):
@@ -72,7 +75,7 @@ def test_the_canonical_roots_are_those_of_the_list():
     assert room.canonical_root("random", ibdata.load("random")).startswith("566ea3f2")
     assert room.canonical_root("random", ibdata.load("random", seed=1)) is None
     assert full_name("name", "optimized-40", list(shipped())) == "siemens-offline/optimized-40"
-    with pytest.raises(UsageError, match=r"found 'randm', .* did you mean 'random'"):
+    with pytest.raises(UsageError, match=r"found 'randm'; did you mean 'random'"):
         ibdata.make("randm")
 
 
@@ -95,7 +98,7 @@ def test_a_process_waits_for_another_that_makes_the_set(cache, monkeypatch):
         monkeypatch.setattr(room, "generate", None)  # whoever waited opens what the other one made
         _, train, _ = ibdata.make("random")
         ending.join()
-    assert len(train["rewards"]) == 72
+    assert len(train["rewards"]) == 40
 
 
 def test_a_cache_that_cannot_be_written_is_named(cache):
@@ -105,10 +108,72 @@ def test_a_cache_that_cannot_be_written_is_named(cache):
         ibdata.make("random")
 
 
+def flipped(path):
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+DAMAGES = {
+    "flipped": ("data/*.parquet", flipped),
+    "lost": ("data/*.parquet", Path.unlink),
+    "torn": ("meta/manifest.json", lambda path: path.write_bytes(path.read_bytes()[:400])),
+    "no manifest": ("meta/manifest.json", Path.unlink),
+    "no splits": ("meta/splits.json", Path.unlink),
+    "a stranger's": ("data", lambda path: (path / "x.parquet").write_text("")),
+    "a file": ("", lambda path: (shutil.rmtree(path), path.write_text(""))),
+}
+
+
+@pytest.mark.parametrize(("where", "damage"), DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_set_in_the_cache_is_made_again(cache, where, damage):
+    _, train, _ = ibdata.make("random")
+    damage(next(cache.glob(f"random/{where}".rstrip("/"))))
+    _, again, _ = ibdata.make("random")
+    assert np.array_equal(again["observations"], train["observations"])
+    assert ibdata.validate(cache / "random") == []
+
+
+def test_what_a_killed_process_left_in_the_cache_does_not_matter(cache):
+    ibdata.generate(room.load("random"), cache / "random", shards="1/2")
+    for path in part_of(cache / "random").glob("*.lock"):
+        path.unlink()  # as a cleaner of old files does
+    assert len(ibdata.make("random")[1]["rewards"]) == 40
+
+
+def test_a_line_says_at_which_setpoints_the_rows_are(cache, capsys):
+    ibdata.make("random")
+    line = "ibdata: random: trains at 10 … 100, validates at 10 … 100; setpoint= is the environment's alone"
+    assert line in capsys.readouterr().err
+
+
+def test_the_declared_test_episodes_of_a_shipped_set_are_never_used(tmp_path):
+    """Of `transfer`, 10 and 2 episodes are for training; of `depeweg`, 7 at each setpoint."""
+    for name, train, validation in (("transfer", 10, 2), ("depeweg", 60, 10)):
+        dataset = ibdata.generate(ibdata.load(name, {"steps": 2}), tmp_path / name)
+        parts = room.train_and_validation(dataset)
+        assert [int(part.inside.sum()) for part in parts] == [train, validation]
+        assert not any((part.inside & dataset.select("test").inside).any() for part in parts)
+        points = [np.unique(part.episode_table["setpoint"]).tolist() for part in parts]
+        assert points[0] == points[1] == np.unique(dataset.episodes["setpoint"]).tolist()
+
+
 @pytest.mark.parametrize(
     ("changes", "train", "validation"),
     [
-        ({"setpoints": [20.0, 70.0], "episodes": 3}, range(5), [5]),
+        ({"setpoints": [20.0, 70.0], "episodes": 3}, [0, 1, 3, 4], [2, 5]),
+        ({"setpoints": [20.0, 70.0], "episodes": 1}, [0], [1]),
+        ({"setpoints": [20.0, 70.0], "episodes": 1, "policies": ["random", "safe"]}, [0, 1], [2, 3]),
+        ({"episodes": 2, "policies": ["random", "safe"]}, [0, 2], [1, 3]),
+        (
+            {
+                "setpoints": [20.0, 70.0],
+                "episodes": 3,
+                "splits": {"test": {"setpoint": 70, "episodes": {"start": 1, "stop": 2}}},
+            },
+            [0, 1, 3],
+            [2],
+        ),
         ({"setpoints": [20.0, 70.0], "episodes": 20}, [*range(18), *range(20, 38)], [18, 19, 38, 39]),
         (
             {

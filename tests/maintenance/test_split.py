@@ -117,6 +117,7 @@ def test_close_setpoints_are_told_apart(made_at, tmp_path):
     names = [f"{part}-{p}" for p in ("50_0000001", "50_0000002", "60") for part in ("train", "test")]
     assert list(split.splits) == names
     assert conditions(split, "test-50_0000002")[0] == {50.0000002}
+    assert len(split.select(setpoint=50.0000001)) == len(split.select("test-50_0000001"))
     assert ibdata.validate(made.path) == []
     with pytest.raises(UsageError, match=r"found setpoint 50, expected one of 50\.0000001, 50\.0000002, 60"):
         ibdata.split(made.path, "setpoint", source=[50.0], target=[60.0])
@@ -193,7 +194,7 @@ REFUSED = [
     ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
     (
         {"by": "policy", "names": {"saef": "x"}},
-        "found 'saef' to be renamed, expected one of random, safe",
+        "found 'saef' to be renamed; did you mean 'safe'?",
     ),
 ]
 

@@ -14,7 +14,7 @@ TARGETS = ("mine", "mine:Actor()", "../mine:Actor", "mine:a.b", "os;x:y", "", "/
 REFUSED = [  # the block, the column, and the message
     ("mixture, bases: [{kind: random}], weights: [1.0, 2.0]",
      "5: policies.0: found 2 weights, expected 1, one for each of the bases"),
-    ("mixture, bases: [{kind: randon}]", "36: policies.0.bases.0.kind: found 'randon', expected one of "),
+    ("mixture, bases: [{kind: randon}]", "36: policies.0.bases.0.kind: found 'randon'; did you mean "),
     ("mixture, bases: [{kind: random, name: mine}]",
      "29: policies.0.bases.0: found a name in the base, expected the name beside the outer kind"),
     ("sticky, base: {kind: mixture, bases: []}, kappa: 0.5",
@@ -34,7 +34,7 @@ REFUSED = [  # the block, the column, and the message
     ("network, file: no.safetensors",
      "27: policies.0.file: found no file 'no.safetensors', expected one beside the YAML file or one of "),
     ("network, file: x.yaml", "27: policies.0.file: x.yaml: found other contents"),
-    ("network, file: .", "27: policies.0.file: .: cannot be read: Is a directory"),
+    ("network, file: .", "27: policies.0.file: .: cannot be read: not a regular file"),
     ("network, file: actor.safetensors, sha256: '00'",
      "27: policies.0.file: actor.safetensors: found weights with SHA-256 "),
     ("constant, action: [0.0, 0.0]", "30: policies.0.action.2: missing, expected a value"),

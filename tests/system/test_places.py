@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
+from helpers.folders import contents
 
 import ibdata
 from ibdata.cli import main
 from ibdata.errors import DatasetError
 from ibdata.experiment.template import write_template
 from ibdata.maintenance.listing import datasets_in
+from ibdata.report import card
 
 READS = {
     "rows": lambda ds: len(ds.table()),
@@ -115,3 +117,67 @@ def test_an_experiment_stays_beside_its_file(home, monkeypatch):
     monkeypatch.chdir(home)
     experiment = ibdata.load("d/meta/experiment.yaml")
     assert experiment.folder == home / "d/meta"
+
+
+@pytest.fixture
+def project(home, tmp_path, monkeypatch):
+    """The current folder, with the datasets data/mine, data/a/b and other, which is data/../other too."""
+    for name in ("data/mine", "data/a/b", "other"):
+        shutil.copytree(home / "d", tmp_path / "project" / name)
+    monkeypatch.chdir(tmp_path / "project")
+
+
+READING = {
+    "open": lambda place: ibdata.open(place).splits,
+    "validate": lambda place: list(map(str, ibdata.validate(place))),
+    "reproduce": lambda place: ibdata.reproduce(place, 1)[1],
+    "export": lambda place: ibdata.export(place, "npz", "out.npz", overwrite=True).left_out,
+    "difference": lambda place: ibdata.difference(place, "other"),
+}
+WRITING = {
+    "split": lambda place: ibdata.split(place, "episode", fractions=(0.5, 0.5)),
+    "materialize": lambda place: ibdata.split(place, "setpoint", scheme="leave-one-out", materialize="copy"),
+    "card": card,
+    "repair": ibdata.repair,
+}
+NOWHERE = "no finished dataset here: meta/manifest.json is missing"
+
+
+def refused(use, place):
+    """What a function says of a place at which there is no dataset, and nothing is written then."""
+    before = contents()
+    try:
+        said = " ".join(use(place))
+    except DatasetError as error:
+        said = str(error)
+    assert contents() == before
+    return said
+
+
+@pytest.mark.parametrize("read", READING.values(), ids=READING)
+def test_a_plain_name_may_be_read_in_data(project, read):
+    for name in ("mine", Path("a/b")):
+        assert not read(name)  # no split, no problem, no difference
+
+
+@pytest.mark.parametrize("place", ["../other", "a/../mine", "{}/mine"])
+@pytest.mark.parametrize("use", [*READING.values(), *WRITING.values()], ids=[*READING, *WRITING])
+def test_no_other_place_is_looked_for_in_data(project, use, place):
+    assert NOWHERE in refused(use, place.format(os.getcwd()))
+
+
+@pytest.mark.parametrize("write", WRITING.values(), ids=WRITING)
+def test_a_writer_does_not_look_in_data(project, write):
+    for name in ("mine", Path("mine")):
+        assert refused(write, name) == f"mine: {NOWHERE}; did you mean 'data/mine'?"
+
+
+def test_a_dataset_that_was_opened_is_written_to(project):
+    assert ibdata.split(ibdata.open("mine"), "episode", fractions=(0.5, 0.5)).place == "data/mine"
+
+
+@pytest.mark.parametrize("words", [["validate"], ["reproduce", "--episodes", "1"]])
+def test_a_check_names_the_dataset_that_it_read(project, capsys, words):
+    with pytest.raises(SystemExit):
+        main([*words, "mine"])
+    assert capsys.readouterr().out.startswith("data/mine: ")

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import threading
 
 import numpy as np
 import pyarrow as pa
@@ -120,6 +121,25 @@ def test_a_file_that_is_changed_or_missing_is_named(copied, shard, what):
     assert [(p.path, p.rule) for p in validate(copied)] == [(path, "file")]
 
 
+def pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize("damage", [os.unlink, pipe])
+@pytest.mark.parametrize("quick", [False, True])
+def test_a_missing_card_is_named_and_made_again(copied, damage, quick):
+    text = (copied / "README.md").read_bytes()
+    (copied / "README.md").write_text("edited")
+    assert validate(copied, quick) == []
+    damage(copied / "README.md")
+    (problem,) = validate(copied, quick)
+    assert (problem.path, problem.rule) == ("README.md", "file")
+    assert problem.message.endswith("which load_dataset needs; ibdata repair makes it again")
+    assert library.repair(copied, workers=1) == ["README.md"]
+    assert (copied / "README.md").read_bytes() == text
+
+
 @pytest.mark.parametrize("name", ["part-00099-1a2b3c4d.parquet", ".Part.PARQUET", ".h/x", ".h/"])
 def test_files_and_folders_that_are_not_listed_are_named(copied, shard, name):
     path = copied / "data" / name
@@ -160,6 +180,19 @@ def test_a_dataset_that_is_replaced_meanwhile_is_busy(copied, monkeypatch):
     with pytest.raises(BusyError, match="replaced while it was read; open it again") as error:
         validate(copied)
     assert error.value.exit_code == 75
+
+
+def test_files_are_hashed_by_as_many_threads_as_the_process_has_processors(copied, monkeypatch):
+    monkeypatch.setattr("ibdata.system.processes.os.sched_getaffinity", lambda process: {5}, raising=False)
+    names, entry = set(), Storage.entry
+
+    def noted(*arguments):
+        names.add(threading.current_thread().name)
+        return entry(*arguments)
+
+    monkeypatch.setattr(Storage, "entry", noted)
+    assert validate(copied, quick=True) == []
+    assert len(names) == 1
 
 
 NOISE = {"kind": "ornstein_uhlenbeck", "base": {"kind": "optimized"}}

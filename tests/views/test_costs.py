@@ -75,7 +75,7 @@ def test_an_evaluation_counts_steps_that_cost_and_episodes_over_the_budget():
     for limit, budget, expected in ((0, 0, (8, 1)), (0, 7, (8, 1)), (0, 8, (8, 0)), (300, 0, (0, 0))):
         view = {"cost": {"fatigue": limit, "budget": budget}}
         [result] = ibdata.evaluate("random", steps=8, episodes=5, view=view).results
-        assert (result.mean_cost, result.violations) == expected
+        assert (result.mean_cost, result.cost_error, result.violations) == (expected[0], 0, expected[1])
     assert result.mean_return == ibdata.evaluate("random", steps=8, episodes=5).results[0].mean_return
     assert "mean_cost" in repr(ibdata.evaluate("random", steps=8, episodes=5, view=view))
     assert "mean_cost" not in repr(ibdata.evaluate("random", steps=8, episodes=5))
@@ -89,6 +89,7 @@ def test_an_evaluation_has_the_costs_of_data_of_the_same_policy(describe, made_a
     costs = made.arrays(view=view)["costs"].reshape(400, 150).sum(axis=1)
     [result] = ibdata.evaluate("random", steps=150, episodes=400, view=view).results
     assert abs(result.mean_cost - costs.mean()) < 5 * costs.std() * np.sqrt(2 / 400)
+    assert result.cost_error == pytest.approx(costs.std() / 20, rel=0.2)
     over = (costs > view_of(view).cost.budget).mean()
     assert 0.05 < over < 0.999
     assert abs(result.violations - over) < 5 * np.sqrt(2 * over * (1 - over) / 400) + 0.02

@@ -141,13 +141,31 @@ def test_the_front_matter_names_the_files_of_every_split(dataset):
     assert matter["size_categories"] == ["n<1K"]
     assert matter["task_categories"] == ["reinforcement-learning"]
     default, *configs = matter["configs"]
-    assert default == {"config_name": "default", "default": True, "data_files": "data/part-*.parquet"}
+    whole = [{"split": "everything", "path": ["data/part-*.parquet"]}]
+    assert default == {"config_name": "default", "default": True, "data_files": whole}
     splits = {config["config_name"]: config["data_files"] for config in configs}
-    shards = dataset.manifest["shards"]
     for name in ("source", "target"):
-        assert splits[name] == [shard["path"] for shard in shards if name in shard["splits"]]
+        assert splits[name] == [{"split": name, "path": paths_of(dataset, name)}]
     assert dataset.content_root in text
     assert "| source | 6 | 240 |" in text
+
+
+def paths_of(dataset, split):
+    return [shard["path"] for shard in dataset.manifest["shards"] if split in shard["splits"]]
+
+
+def test_splits_that_share_and_lack_nothing_are_those_of_the_hub(describe, made_at, tmp_path):
+    """Without splits, the hub has its own one, train, which never has the rows of a test split in it."""
+    for splits in ({}, {"train": {"setpoint": 20}, "fold-1": {"setpoint": 70, "policy": "random"}}):
+        if splits:
+            splits["all"] = {"setpoint": 70, "policy": "calm"}
+        made = made_at(describe(splits=splits), tmp_path / f"{len(splits)}")
+        front = (made.path / "README.md").read_text().split("---\n")[1]
+        [config] = YAML(typ="safe", pure=True).load(front)["configs"]
+        names = {"train": "train", "fold-1": "fold_1", "all": "all_"}
+        expected = [{"split": names[name], "path": paths_of(made, name)} for name in splits]
+        whole = [{"split": "train", "path": ["data/part-*.parquet"]}]
+        assert config == {"config_name": "default", "default": True, "data_files": expected or whole}
 
 
 def test_parquet_columns_are_encoded_as_measured(either):

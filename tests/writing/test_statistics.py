@@ -71,18 +71,26 @@ def test_sums_are_made_from_the_first_value_to_the_last(seed, episodes, length):
 
 @pytest.mark.parametrize("at", [0, 5, 9])
 @pytest.mark.parametrize("odd", [np.nan, np.inf])
-def test_a_value_that_is_not_finite_shows_anywhere(at, odd):
-    table = np.arange(10.0).reshape(1, 10)
+def test_statistics_are_those_of_the_values_that_are_numbers(at, odd):
+    table = np.stack([np.arange(10.0), np.full(10, 3.0), np.full(10, odd)])
     table[0, at] = odd
-    for cuts in ([10], [5, 5]):
+    known = np.delete(table[0], at)
+    for cuts in ([10], [5, 5], [1, 9], [9, 1]):
         found = merged_moments(table, cuts)
-        assert not np.isfinite(found.squares[0])
-        assert np.isnan([found.low[0], found.high[0]]).all()
+        assert (found.rows, found.counts.tolist()) == (10, [9, 10, 0])
+        parts = [np.ascontiguousarray(x) for x in np.split(table, np.cumsum(cuts)[:-1], axis=1)]
+        one, _, none = described(["a", "b", "c"], found, parts, cuts).values()
+        assert (one.count, one.min, one.max) == (9, known.min(), known.max())
+        np.testing.assert_allclose([one.mean, one.std], [known.mean(), known.std()], rtol=1e-15)
+        median = np.quantile(known, 0.5, method="inverted_cdf")
+        assert one.quantiles["0.5"] == median
+        assert none.count == 0
+        assert {none.mean, none.std, none.min, none.max, *none.quantiles.values()} == {None}
 
 
 def test_a_sample_stands_for_the_rows_of_its_shard():
     """Three of 300 rows are 1, 2, 3 and one of one is 9: half of all rows are at most 2."""
     samples = [np.array([[1.0, 2.0, 3.0]]), np.array([[9.0]])]
-    parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]))
+    parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]), np.array([301]))
     quantiles = described(("x",), parts, samples, [300, 1])["x"].quantiles
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)

@@ -77,7 +77,16 @@ def begun():
 
 REFUSED = {
     "a setpoint": (lambda: gymnasium.make(ID, setpoint=170), ConfigError, "setpoint: found 170, expected"),
-    "a name": (lambda: gymnasium.make(ID, setpoints=70), UsageError, "setpoints: no such option; did you"),
+    "a name": (
+        lambda: gymnasium.make(ID, setpoints=70),
+        TypeError,  # of which TorchRL's GymEnv(ID) looks for Python's words
+        "setpoints: got an unexpected keyword argument 'setpoints'; did you mean 'setpoint'",
+    ),
+    "another type": (
+        lambda: gymnasium.make(ID, history="2"),
+        TypeError,
+        "history: found '2', expected a whole",
+    ),
     "a negative seed": (
         lambda: begun().reset(seed=-1),
         UsageError,

@@ -114,7 +114,7 @@ def test_lanes_begin_in_given_states_as_single_environments_do(played):
     rows = {0: (1, 60), 1: (2, 0), 2: (3, 7)}  # lane: episode and step
     for lanes in ([2, 0], [1]):
         places = [rows[lane] for lane in lanes]
-        seen, info = many.set_state(ibdata.state_at(ds, tuple(zip(*places, strict=True))), lanes)
+        seen, info = many.set_state(ibdata.state_at(ds, np.array(places)), lanes)
         for lane in lanes:
             own, hidden_state = alone[lane].set_state(ibdata.state_at(ds, rows[lane]))
             np.testing.assert_array_equal(seen[lane], own)

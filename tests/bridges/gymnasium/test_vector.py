@@ -15,7 +15,7 @@ SETTINGS = (
     {"setpoint": 70},
     {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "view": {"reward_scale": 0.1}},
     {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
-    {"view": {"reward": "delta", "actions": True}},
+    {"view": {"reward": "delta", "actions": True, "cost": {"fatigue": 30}}},
 )
 HAS_MODES = hasattr(gymnasium.vector, "AutoresetMode")  # 1.0 knows NextStep only, without the name
 
@@ -73,6 +73,47 @@ def test_it_does_what_gymnasium_s_loop_does_bit_for_bit(mode, given):
         same(*pair)
 
 
+@pytest.mark.parametrize("mode", MODES if HAS_MODES else MODES[:1])
+def test_the_costs_of_an_episode_are_those_of_its_steps(mode):
+    """By hand: whether the fatigue after each step is above 30. A start is no step, so it costs nothing."""
+    env = made(mode, steps=5, view={"cost": {"fatigue": 30}})
+    assert env.reset(seed=0)[1]["cost"].tolist() == [0.0] * LANES
+    paid = expected = starts = 0
+    begins = False
+    for _ in range(60):
+        seen, _, _, ended, info = env.step(np.zeros((LANES, 3), dtype=np.float32))
+        starts += begins * np.count_nonzero(seen[:, 4] > 30)
+        paid += info["cost"].sum()
+        if mode == "SameStep" and ended.all():
+            assert not info["cost"].any()
+            paid, seen = paid + info["final_info"]["cost"].sum(), np.stack(info["final_obs"])
+        expected += (not begins) * np.count_nonzero(seen[:, 4] > 30)
+        begins = mode == "NextStep" and ended.all()
+        if mode == "Disabled" and ended.all():
+            assert not env.reset(options={"reset_mask": ended})[1]["cost"].any()
+    assert paid == expected > 5
+    assert (starts > 0) == (mode == "NextStep")  # which would have been counted too
+
+
+MADE = {
+    "lanes": {},
+    "sync": {"vectorization_mode": "sync"},
+    "async": {"vectorization_mode": "async"},
+}
+
+
+@pytest.mark.parametrize("given", MADE.values(), ids=MADE)
+@pytest.mark.parametrize(("steps", "length"), [({}, 1000), ({"max_episode_steps": None}, 1000),
+    ({"max_episode_steps": -1}, None), ({"max_episode_steps": 7}, 7)])  # fmt: skip
+def test_the_length_of_episodes_means_what_it_means_in_gymnasium(given, steps, length):
+    env = gymnasium.make_vec(ID, num_envs=2, **given, **steps)
+    env.reset(seed=0)
+    action = np.zeros((2, 3), dtype=np.float32)
+    ended = [env.step(action)[3].tolist() for _ in range(1001)]
+    env.close()
+    assert [t for t, end in enumerate(ended, 1) if any(end)][:1] == ([] if length is None else [length])
+
+
 SEEDS = [np.uint8(254), np.array(254), np.arange(254, 257), (254, np.int64(255), 256), range(254, 257)]
 
 
@@ -89,6 +130,17 @@ MASK = r"reset_mask: found .*, expected a boolean array of shape \(3,\) that is 
 LANES_LEFT = "lanes: found .*, expected (one of 0 to 2|whole numbers|different ones)$"
 REFUSED = {
     "a mode": (lambda env: made("next"), "autoreset_mode: found 'next', expected one of NextStep, SameStep"),
+    "an unknown option": (
+        lambda env: gymnasium.make_vec(ID, setpoints=70),
+        "setpoints: got an unexpected keyword argument 'setpoints'; did you mean 'setpoint'",
+    ),
+    **{
+        f"{steps} steps": (
+            lambda env, steps=steps: made(steps=steps),
+            f"max_episode_steps: found {steps}, expected a whole number of at least 1$",
+        )
+        for steps in (0, -2)
+    },
     "two seeds": (lambda env: env.reset(seed=[1, 2]), "seed: found 2 seeds, expected 3$"),
     "a negative seed": (lambda env: env.reset(seed=[1, 2, -3]), "seed: found -3, expected a whole number"),
     "seeds of text": (

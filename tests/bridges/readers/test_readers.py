@@ -36,7 +36,7 @@ def started():
 def by_huggingface(root):
     from datasets import load_dataset
 
-    return load_dataset(str(root), split="train").with_format("numpy")[:]
+    return load_dataset(str(root), split="all").with_format("numpy")[:]
 
 
 def by_polars(root):
@@ -69,19 +69,30 @@ def test_values_are_those_of_ibdata(generated, started, reader):
         assert found.tobytes() == expected.tobytes()
 
 
-def test_splits_are_configs_of_hugging_face(generated):
-    from datasets import get_dataset_config_names, load_dataset
+def test_splits_are_those_of_hugging_face(generated):
+    from datasets import load_dataset
 
     root = str(generated / "data" / "transfer")
-    assert sorted(get_dataset_config_names(root)) == ["default", "source", "target", "test"]
-    dataset = ibdata.open(root)
-    for config in ("source", "target", "test"):
-        found = load_dataset(root, config, split="train")
-        assert len(found) == dataset.splits[config]["rows"]
-        expected = dataset.table(["reward"], config)["reward"].to_numpy()
-        assert found.with_format("numpy")["reward"][:].tobytes() == expected.tobytes()
-        stream = load_dataset(root, config, split="train", streaming=True)
-        assert [row["reward"] for row in stream] == expected.tolist()
+    dataset, found, streams = ibdata.open(root), load_dataset(root), load_dataset(root, streaming=True)
+    assert list(found) == list(streams) == ["source", "target", "test"]
+    for split in found:
+        expected = dataset.table(["reward"], split)["reward"].to_numpy()
+        assert found[split].with_format("numpy")["reward"][:].tobytes() == expected.tobytes()
+        assert [row["reward"] for row in streams[split]] == expected.tolist()
+
+
+def test_other_splits_are_configurations_of_hugging_face(tmp_path):
+    """None that mixes them is called train, which would have rows to test on in it."""
+    from datasets import get_dataset_config_names, load_dataset
+
+    splits = {"train": {"setpoint": 20}, "test-1": {"setpoint": 70, "episodes": "last 50%"}}
+    experiment = {"name": "x", "setpoints": [20, 70], "policies": ["random"], "episodes": 4, "steps": 5}
+    root = str(ibdata.generate({**experiment, "splits": splits}, tmp_path / "x", workers=1).path)
+    assert get_dataset_config_names(root) == ["default", "train", "test-1"]
+    found = [load_dataset(root, name) for name in (None, "train", "test-1")]
+    sizes = [{"everything": 40}, {"train": 20}, {"test_1": 10}]
+    assert [{name: len(rows) for name, rows in each.items()} for each in found] == sizes
+    assert set(found[1]["train"]["obs_setpoint"]) == {20}
 
 
 def test_a_folder_from_the_hub_is_whole(generated, tmp_path):

@@ -1,0 +1,54 @@
+"""The table of docs/costs.md can be made again, and its text agrees with it."""
+
+from __future__ import annotations
+
+from helpers import ROOT, script
+
+from measuring.documents import measured
+
+PAGE = (ROOT / "docs/costs.md").read_text(encoding="utf-8")
+ROWS = {
+    line.split(" | ")[0].strip("| "): line
+    for line in measured(PAGE).split("\n")
+    if "`" in line or "no" in line
+}
+TABLE = {
+    name: [float(cell.strip(" |").split(" ± ")[0].replace("−", "-")) for cell in row.split(" | ")[1:]]
+    for name, row in ROWS.items()
+}
+REWARD, FATIGUE, OVER, RUNAWAY, OVER_TOO = ({name: row[i] for name, row in TABLE.items()} for i in range(5))
+MIXED = "`optimized`, 80 % random"
+COSTS = script("costs")
+
+
+def test_rows_are_made_again():
+    some = {name: COSTS.POLICIES[name] for name in (MIXED, "`mediocre`")}
+    again = COSTS.measured(some, **COSTS.SETTINGS).splitlines()
+    assert again[2:] == [ROWS[name] for name in some]
+    assert list(ROWS) == list(COSTS.POLICIES)
+
+
+def test_errors_have_two_digits():
+    pairs = ((-170.438, 0.0331), (11.85, 1.239), (283.3, 12.92), (-2.0, 0.0))
+    assert [COSTS.two_digits(*pair) for pair in pairs] == ["−170.438 ± 0.033", "11.8 ± 1.2", "283 ± 13", "−2"]
+
+
+def test_the_text_agrees_with_the_table():
+    assert FATIGUE["`expert`"] * COSTS.SETTINGS["episodes"] == 1
+    assert [FATIGUE["`optimized`"], RUNAWAY["`optimized`"], RUNAWAY["`expert`"]] == [0, 0, 0]
+    assert {OVER[x] + OVER_TOO[x] for x in TABLE if "optimized" in x and x != MIXED} == {0}
+    assert REWARD["`mediocre`"] > REWARD["`random`"]
+    assert (OVER["`mediocre`"], FATIGUE["`bad`"]) == (100, 0)
+    # A reward is −c − 3 f, and f of `bad` is at most 60.
+    assert -REWARD["`bad`"] - 3 * 60 > max(-REWARD[x] for x in TABLE if x != "`bad`")
+    assert [FATIGUE["no change"], RUNAWAY["no change"]] == [0, 0]
+    assert REWARD["no change"] < REWARD[MIXED]
+    assert 13 < OVER[MIXED] < OVER_TOO[MIXED] < 15
+    said = "in {:.0f} of 1000 steps, but μ runs away in {:.0f}; under random actions in {:.0f} and {:.0f}."
+    numbers = [steps[x] for x in ("`mediocre`", "`random`") for steps in (FATIGUE, RUNAWAY)]
+    assert said.format(*numbers) in " ".join(PAGE.split())
+
+
+def test_shares_of_all_or_none_are_known_as_the_page_says():
+    chance = 1 - 0.05 ** (1 / COSTS.SETTINGS["episodes"])
+    assert f"are known to {100 * chance:.1f}, at 95 %" in " ".join(PAGE.split())
