@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ibdata.version import __version__ as __version__
 
 if TYPE_CHECKING:  # for type checkers and editors
-    from ibdata.dataset.reader import Dataset as Dataset
+    from ibdata.dataset.dataset import Dataset as Dataset
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
     from ibdata.evaluation.baselines import baselines as baselines
@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # for type checkers and editors
 
 # Public name → module. Modules are imported on first use, so that `ibdata --help` starts quickly.
 _MODULES = {
-    "Dataset": "dataset.reader",
+    "Dataset": "dataset.dataset",
     "Experiment": "experiment",
     "IbdataError": "errors",
     "baselines": "evaluation.baselines",
@@ -49,7 +49,7 @@ _MODULES = {
     "make": "maintenance.make",
     "merge": "maintenance.merge",
     "noise_floor": "evaluation.noise_floor",
-    "open": "dataset.reader",
+    "open": "dataset.dataset",
     "quality": "measures.quality",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",

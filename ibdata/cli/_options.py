@@ -142,7 +142,7 @@ def selects(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @wraps(command)
     def chosen(folder: Path | str, **options: Any) -> Any:
-        from ibdata.dataset.reader import Dataset
+        from ibdata.dataset.dataset import Dataset
 
         conditions = {name: options.pop(name) for name in _selection_options}
         return command(Dataset(folder).select(**conditions), **options)

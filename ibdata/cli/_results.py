@@ -12,7 +12,7 @@ from ibdata.dataset.tabular import Table, as_text, pairs
 from ibdata.numerics.naming import counted, size, within
 
 if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.dataset import Dataset
 
 SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mean_reward", "reference_score")
 

@@ -73,7 +73,7 @@ def repair_command(folder: Path, workers: int | None, allow_code: bool) -> Print
     \b
     ibdata repair data/random
     """
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.dataset import Dataset
     from ibdata.maintenance.repair import repair
 
     repaired = repair(folder, workers, allow_code)

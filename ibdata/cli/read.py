@@ -15,8 +15,7 @@ from ibdata.errors import notice
 from ibdata.numerics.naming import counted
 
 if TYPE_CHECKING:
-    from ibdata.dataset.readable import Readable
-    from ibdata.dataset.selection import Selection
+    from ibdata.dataset.dataset import Dataset
 
 MAX_ROWS = 1_000_000
 
@@ -48,7 +47,7 @@ def info_command(folder: Path | str) -> Result:
     \b
     ibdata info data/random
     """
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.dataset import Dataset
 
     dataset = Dataset(folder)
     _name_lost_shards(dataset)
@@ -79,7 +78,7 @@ def head_command(
     ibdata head data/random -n 3 --columns step,act_velocity,reward
     ibdata head data/random --at 7 250
     """
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.dataset import Dataset
 
     names = None if columns is None else [name.strip() for name in columns.split(",")]
     first = Dataset(folder).head(rows, names, split, at=at)
@@ -96,7 +95,7 @@ def head_command(
     help="Print measures of the quality of the data instead. They read all rows.",
 )
 @prints_result
-def stats_command(selection: Selection, of_quality: bool) -> Result:
+def stats_command(selection: Dataset, of_quality: bool) -> Result:
     """Print mean, standard deviation, range and median of each column.
 
     \b
@@ -113,7 +112,7 @@ def stats_command(selection: Selection, of_quality: bool) -> Result:
     return selection.statistics()
 
 
-def _name_lost_shards(rows: Readable) -> None:
+def _name_lost_shards(rows: Dataset) -> None:
     """Say on stderr that rows are missing, which what is printed does not need."""
     if lost := rows.stored.lost_shards():
         shards = counted(len(rows.stored.manifest.shards), "Parquet file")

@@ -87,7 +87,7 @@ def split_command(folder: Path, as_list: bool, **options: Any) -> Result:
     ibdata split data/many --remove test
     ibdata split data/many --materialize data/many-files
     """
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.dataset import Dataset
 
     if as_list:
         for option, value in options.items():

@@ -1,161 +1,111 @@
-"""Episodes of a dataset that are to be read: of a split, at some setpoints, of some policies, and others."""
+"""Which episodes and rows are read: what a user says of them, and which ones meet it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import chain
+import math
+from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
 
-from ibdata.dataset.conditions import (
-    Limits,
-    Numbers,
-    Policy,
-    Setpoint,
-    Split,
-    known_of,
-    limits_of,
-)
 from ibdata.dataset.models import Info
-from ibdata.dataset.readable import Readable
 from ibdata.dataset.splits import runs_of
-from ibdata.dataset.stored import Stored
-from ibdata.dataset.transitions import Transitions, needed, transitions, whole_episodes
-from ibdata.dataset.viewed import BLOCK_ROWS
-from ibdata.errors import UsageError, printable
-from ibdata.numerics.naming import counted, decimal
+from ibdata.dataset.stored import Mask, Stored
+from ibdata.errors import UsageError, suggestion
+from ibdata.numerics.naming import decimal, exact
 from ibdata.numerics.whole_numbers import within
-from ibdata.views.options import ViewOptions
 
-Runs = list[tuple[int, int]]
-Mask = npt.NDArray[np.bool_]
+Columns = Sequence[str] | None
+Split = str | Sequence[str] | None
+Setpoint = float | Sequence[float] | npt.NDArray[Any] | None
+Policy = str | Sequence[str] | None
+Numbers = int | Sequence[int] | npt.NDArray[Any] | None  # of episodes
+Limits = tuple[float | None, float | None] | None  # the lowest and the highest; None where there is no limit
+MOST_NAMES = 40  # in a message
 
 
-class Selection(Readable):
-    """Some episodes of a dataset. Rows are read, and fewer episodes selected, as of the dataset itself.
+def known_of(what: str, names: Any, known: Sequence[Any]) -> list[Any]:
+    """One or several names or numbers as a list. Raises UsageError for one that is not known.
 
-    `content_root`, `info` and `place` are those of the dataset; all else is of the selected episodes.
+    >>> known_of("setpoint", 70, [20.0, 70.0]), known_of("policy", ["safe"], ["random", "safe"])
+    ([70], ['safe'])
     """
-
-    def __init__(self, stored: Stored, mask: Mask | None = None, declared: str | None = None) -> None:
-        self.stored = stored
-        self.mask = mask  # whether each episode of the dataset is selected; None for all of them
-        self.declared = declared  # the declared split that this is, if it is one
-
-    def __repr__(self) -> str:
-        episodes = counted(int(self.inside.sum()), "episode")
-        return f"<ibdata.Selection of {printable(self.place)}: {counted(len(self), 'row')}, {episodes}>"
-
-    def __len__(self) -> int:
-        if self.mask is None:
-            return self.stored.manifest.rows
-        return int(self.stored.episodes["length"].to_numpy()[self.mask].sum())
-
-    @property
-    def inside(self) -> Mask:
-        """Whether each episode of the dataset is selected, (episodes,)."""
-        return np.ones(len(self.stored.episodes), dtype=np.bool_) if self.mask is None else self.mask
-
-    @property
-    def episode_table(self) -> pa.Table:
-        """The selected rows of the table of episodes, without later splits."""
-        table = self.stored.episodes
-        return table if self.mask is None else table.filter(self.mask)
-
-    @property
-    def _everything(self) -> Selection:
-        return self
-
-    def narrowed(
-        self, split: Split, setpoint: Setpoint, policy: Policy, episodes: Numbers, returns: Limits
-    ) -> Selection:
-        """Those of these episodes that meet further conditions, see `select`."""
-        others = (setpoint, policy, episodes, returns)
-        has_others = any(condition is not None for condition in others)
-        if split is None and not has_others:
-            return self
-        mask, splits = self.inside & meeting(self.stored.episodes, *others), []
-        if split is not None:
-            splits = known_splits(self.stored, split)
-            mask &= in_splits(self.stored, splits)
-        only = splits[0] if len(splits) == 1 and not has_others else None
-        is_declared = only is not None and self.mask is None and self.stored.splits[only].declared
-        return Selection(self.stored, mask, only if is_declared else None)
-
-    def refuse_empty(self) -> None:
-        """Raise UsageError if there is no episode in it."""
-        if self.mask is not None and not self.mask.any():
-            raise UsageError(
-                "split, setpoint, policy, episodes, returns: found no episode that meets all, "
-                "expected at least one"
-            )
-
-    def row_numbers(self, without_last: bool) -> npt.NDArray[np.int64]:
-        """The numbers of the rows in the dataset, perhaps without the last of each episode."""
-        lengths = self.stored.episodes["length"].to_numpy()
-        inside = np.repeat(self.inside, lengths)
-        if without_last:
-            inside[np.cumsum(lengths) - 1] = False
-        return np.flatnonzero(inside)
-
-    def rows(self, columns: Sequence[str]) -> pa.Table:
-        """These columns of all rows."""
-        parts: list[pa.Table] = []
-        for number, runs in self._shards():
-            shard = self.stored.rows(number, columns)
-            parts.extend([shard] if runs is None else (shard.slice(a, b - a) for a, b in runs))
-        return pa.concat_tables(parts).unify_dictionaries()
-
-    def batches(self, columns: Sequence[str], most: int) -> Iterator[pa.RecordBatch]:
-        """These columns of the rows in order, at most so many rows at a time."""
-        shards = ((self.stored.batches(number, columns, most), runs) for number, runs in self._shards())
-        return chain.from_iterable(rows_in(batches, runs) for batches, runs in shards)
-
-    def transitions(self, options: ViewOptions, rows: int = BLOCK_ROWS) -> Iterator[Transitions]:
-        """The transitions in order, those of whole episodes with about `rows` rows at a time.
-
-        Raises UsageError at once if the view does not fit the dataset.
-        """
-        info: Info = self.stored.info
-        batches = self.batches(needed(info, options), rows)
-        return (transitions(table, info, options) for table in whole_episodes(batches, self.place))
-
-    def column_statistics(self) -> dict[str, Any]:
-        """The statistics of each float column."""
-        if self.mask is None:
-            return self.stored.statistics.all
-        if self.declared is not None:
-            return self.stored.statistics.splits[self.declared]
-        from ibdata.dataset.statistics import of_batches  # compiles, which other readers do without
-
-        names = [column.name for column in self.stored.info.columns if column.dtype.startswith("float")]
-        return of_batches(self.batches(names, BLOCK_ROWS), names, len(self))
-
-    def _shards(self) -> list[tuple[int, Runs | None]]:
-        """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
-        if self.mask is None:
-            return [(number, None) for number in range(len(self.stored.manifest.shards))]
-        return sorted(rows_of(self.episode_table).items())
+    values = list(names) if np.ndim(names) else [names]
+    members = set(known)  # of which there may be thousands
+    for value in values:
+        if value not in members:
+            raise UsageError(f"{what}: found {_shown(value)}{_expected(value, known)}")
+    return values
 
 
-def in_splits(stored: Stored, splits: Sequence[str]) -> Mask:
-    """Whether each episode is in one of these splits."""
-    mask = np.zeros(len(stored.episodes), dtype=np.bool_)
-    for split in splits:
-        for first, stop in runs_of(split, stored.splits[split], stored.manifest):
-            mask[first:stop] = True
-    return mask
+def _expected(value: Any, known: Sequence[Any]) -> str:
+    """The known name that is similar to a name; else the known ones."""
+    names = [_shown(name).strip("'") for name in known]
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    near = suggestion(value, names) if isinstance(value, str) else ""
+    return near or f", expected one of {', '.join(names[:MOST_NAMES])}{more}"
 
 
-def meeting(table: pa.Table, setpoint: Setpoint, policy: Policy, numbers: Numbers, returns: Limits) -> Mask:
-    """Whether each episode of a table meets all conditions that are not None.
+def _shown(value: Any) -> str:
+    return exact(value) if isinstance(value, Real) else repr(value)
 
-    Raises UsageError if the dataset has no such setpoint, policy or episode, or if the limits are invalid.
+
+def checked_columns(columns: Columns, info: Info) -> list[str]:
+    """Names of columns of the dataset, by default all. Raises UsageError for one that it does not have."""
+    known = [column.name for column in info.columns]
+    if columns is None:
+        return known
+    if not columns or len(set(columns)) < len(columns):
+        raise UsageError(f"columns: found {columns!r}, expected a list of different names")
+    return known_of("column", columns, known)
+
+
+def refuse_columns(columns: Columns) -> None:
+    """Raise UsageError if columns are named beside a view."""
+    if columns is not None:
+        raise UsageError("columns: found columns beside a view, which has its own; leave one out")
+
+
+def limits_of(returns: tuple[float | None, float | None]) -> tuple[float, float]:
+    """The lowest and the highest return. Raises UsageError if the first is above the second."""
+    low, high = returns if len(returns) == 2 else (math.nan, math.nan)
+    limits = -math.inf if low is None else low, math.inf if high is None else high
+    if not limits[0] <= limits[1]:
+        raise UsageError(f"returns: found {returns}, expected the lowest and the highest one")
+    return limits
+
+
+def checked_length(length: int, name: str = "history") -> int:
+    """The number of observations in a history, or of steps. Raises UsageError if it is invalid."""
+    if length < 1:
+        raise UsageError(f"{name}: found {length!r}, expected a whole number of at least 1")
+    return length
+
+
+def checked_history(history: int, pad: str) -> bool:
+    """Check both arguments of `Dataset.arrays`; return whether rows without a full history are dropped.
+
+    Raises UsageError if one is invalid.
     """
+    checked_length(history)
+    if pad not in ("repeat", "drop"):
+        raise UsageError(f"pad: found {pad!r}, expected repeat or drop")
+    return pad == "drop"
+
+
+def meeting(
+    stored: Stored, split: Split, setpoint: Setpoint, policy: Policy, numbers: Numbers, returns: Limits
+) -> Mask:
+    """Whether each episode of a dataset meets all conditions that are not None.
+
+    Raises UsageError if the dataset has no such split, setpoint, policy or episode, or for invalid limits.
+    """
+    table = stored.episodes
     mask = np.ones(len(table), dtype=np.bool_)
+    if split is not None:
+        mask &= in_splits(stored, _known_splits(stored, split))
     if setpoint is not None:
         values = table["setpoint"].to_numpy()
         with np.errstate(over="ignore"):  # of the column's type, in which 20.1 is the number nearest to it
@@ -176,32 +126,17 @@ def meeting(table: pa.Table, setpoint: Setpoint, policy: Policy, numbers: Number
     return mask
 
 
-def known_splits(stored: Stored, split: Split) -> list[str]:
+def in_splits(stored: Stored, splits: Sequence[str]) -> Mask:
+    """Whether each episode is in one of these splits."""
+    mask = np.zeros(len(stored.episodes), dtype=np.bool_)
+    for split in splits:
+        for first, stop in runs_of(split, stored.splits[split], stored.manifest):
+            mask[first:stop] = True
+    return mask
+
+
+def _known_splits(stored: Stored, split: Split) -> list[str]:
     """One or several splits as a list. Raises UsageError for one that the dataset does not have."""
     if not stored.splits:
         raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")
     return known_of("split", split, list(stored.splits))
-
-
-def rows_of(episodes: pa.Table) -> dict[int, Runs]:
-    """The rows of episodes in each shard, as runs start … stop - 1."""
-    by_shard: dict[int, Runs] = {}
-    columns = (episodes[name].to_numpy().tolist() for name in ("shard", "row_start", "row_stop"))
-    for shard, start, stop in zip(*columns, strict=True):
-        runs = by_shard.setdefault(shard, [])
-        if runs and runs[-1][1] == start:
-            start = runs.pop()[0]
-        runs.append((start, stop))
-    return by_shard
-
-
-def rows_in(batches: Iterator[pa.RecordBatch], runs: Runs | None) -> Iterator[pa.RecordBatch]:
-    """The rows of a shard that are in the runs, or all of them, from its batches in order."""
-    first = 0
-    for batch in batches:
-        stop = first + batch.num_rows
-        for start, end in [(first, stop)] if runs is None else runs:
-            low, high = max(start, first), min(end, stop)
-            if low < high:
-                yield batch.slice(low - first, high - low)
-        first = stop

@@ -10,6 +10,8 @@ from functools import cached_property
 from itertools import chain
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
@@ -19,6 +21,8 @@ from ibdata.dataset.splits import refuse_misfits
 from ibdata.errors import BusyError, DatasetError, UsageError, excerpt
 from ibdata.system.storage import Storage, reason, storage
 
+Mask = npt.NDArray[np.bool_]  # whether each episode of a dataset is one of some
+Runs = list[tuple[int, int]]
 INFO = "meta/dataset.json"
 STATISTICS = "meta/statistics.json"
 EPISODES = "meta/episodes.parquet"
@@ -196,6 +200,25 @@ class Stored:
             self.batches(number, columns, most, row if number == first else 0) for number in numbers
         )
 
+    def rows_of(self, mask: Mask | None, columns: Sequence[str]) -> pa.Table:
+        """These columns of all rows of the episodes in a mask, or of all."""
+        parts: list[pa.Table] = []
+        for number, runs in self._shards_of(mask):
+            shard = self.rows(number, columns)
+            parts.extend([shard] if runs is None else (shard.slice(a, b - a) for a, b in runs))
+        return pa.concat_tables(parts).unify_dictionaries()
+
+    def batches_of(self, mask: Mask | None, columns: Sequence[str], most: int) -> Iterator[pa.RecordBatch]:
+        """The same rows in order, at most so many at a time."""
+        shards = ((self.batches(number, columns, most), runs) for number, runs in self._shards_of(mask))
+        return chain.from_iterable(_in_runs(batches, runs) for batches, runs in shards)
+
+    def _shards_of(self, mask: Mask | None) -> list[tuple[int, Runs | None]]:
+        """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
+        if mask is None:
+            return [(number, None) for number in range(len(self.manifest.shards))]
+        return sorted(_runs_by_shard(self.episodes.filter(mask)).items())
+
     def _types(self, columns: Sequence[str] | None) -> dict[str, str]:
         """The types of these columns, or of all."""
         types: dict[str, str] = {column.name: column.dtype for column in self.info.columns}
@@ -209,3 +232,27 @@ class Stored:
         except DatasetError:
             self.refuse_replaced()
             raise
+
+
+def _runs_by_shard(episodes: pa.Table) -> dict[int, Runs]:
+    """The rows of episodes in each shard, as runs start … stop - 1."""
+    by_shard: dict[int, Runs] = {}
+    columns = (episodes[name].to_numpy().tolist() for name in ("shard", "row_start", "row_stop"))
+    for shard, start, stop in zip(*columns, strict=True):
+        runs = by_shard.setdefault(shard, [])
+        if runs and runs[-1][1] == start:
+            start = runs.pop()[0]
+        runs.append((start, stop))
+    return by_shard
+
+
+def _in_runs(batches: Iterator[pa.RecordBatch], runs: Runs | None) -> Iterator[pa.RecordBatch]:
+    """The rows of a shard that are in the runs, or all of them, from its batches in order."""
+    first = 0
+    for batch in batches:
+        stop = first + batch.num_rows
+        for start, end in [(first, stop)] if runs is None else runs:
+            low, high = max(start, first), min(end, stop)
+            if low < high:
+                yield batch.slice(low - first, high - low)
+        first = stop

@@ -139,6 +139,34 @@ def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
     return pa.RecordBatch.from_pydict({name: pa.array(column) for name, column in columns.items()})
 
 
+def arrays_of(
+    table: pa.Table, info: Info, options: ViewOptions, history: int, drop: bool, columns: Sequence[str]
+) -> dict[str, Array]:
+    """The rows of whole episodes as the arrays that `Dataset.arrays` describes.
+
+    `drop` leaves out the rows with fewer frames before them. The table has the columns too.
+    """
+    block = transitions(table, info, options)
+    observations, after = stacked(block.frames, block.next_frames, block.step, history)
+    arrays = {
+        "observations": observations,
+        "actions": block.actions,
+        "rewards": block.rewards,
+        **({} if block.costs is None else {"costs": block.costs}),
+        "next_observations": after,
+        "episode": block.episode,
+        "step": block.step,
+        "terminated": block.terminated,
+        "truncated": block.truncated,
+    }
+    # Not those that are arrays already: where a view leaves rows out, an episode ends at an earlier one.
+    arrays |= {name: table[name].to_numpy()[block.rows] for name in columns if name not in arrays}
+    if not drop or history == 1:
+        return {name: np.require(array, requirements="W") for name, array in arrays.items()}
+    whole = block.step >= history - 1
+    return {name: array[whole] for name, array in arrays.items()}
+
+
 def stacked_columns(table: pa.Table, names: Sequence[str]) -> Array:
     """Columns as an array (rows, columns)."""
     return np.stack([table[name].to_numpy() for name in names], axis=1)

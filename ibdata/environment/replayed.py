@@ -16,7 +16,7 @@ from ibdata.numerics.random import Purpose, Raw, integers
 from ibdata.simulation.carry import begin_lanes
 
 if TYPE_CHECKING:
-    from ibdata.dataset.reader import Dataset
+    from ibdata.dataset.dataset import Dataset
     from ibdata.evaluation.states import Addresses
     from ibdata.experiment import Experiment
 
@@ -96,12 +96,12 @@ class Replay(NamedTuple):
 
 def _addresses(dataset: Any) -> Addresses:
     """The addresses of a dataset, which are kept as long as an opened one is."""
-    from ibdata.dataset.reader import Dataset, opened
+    from ibdata.dataset.dataset import Dataset, whole_dataset
     from ibdata.evaluation.states import Addresses
 
     if not isinstance(dataset, Dataset | str | os.PathLike):
         raise UsageError(f"dataset: found {excerpt(dataset)}, expected a Dataset, or its folder or URL")
-    ds = opened(dataset)
+    ds = whole_dataset(dataset)
     if ds not in _KNOWN:
         _KNOWN[ds] = Addresses(ds.stored)
     return _KNOWN[ds]

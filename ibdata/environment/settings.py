@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from ibdata.arguments import public
-from ibdata.dataset.conditions import checked_length
+from ibdata.dataset.selection import checked_length
 from ibdata.dynamics import Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
 from ibdata.errors import UsageError, excerpt

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.conditions import checked_length
+from ibdata.dataset.selection import checked_length
 from ibdata.dynamics import State
 from ibdata.environment import STEPS
 from ibdata.environment.actions import continuous_actions, discrete_actions

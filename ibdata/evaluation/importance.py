@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Rows, readable
+from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.overlap import Ratios, log_ratios, parts_of, recorded_in, refuse_remembered_draws
@@ -87,7 +87,7 @@ class Importance(Tabular):
 
 @public
 def importance(
-    ds: Rows,
+    ds: Place,
     target: Any,
     *,
     discount: float = 0.97,
@@ -140,7 +140,7 @@ def importance(
     discount = checked_discount(discount)
     evaluated = policy_of(target, history, allow_code)
     refuse_unused(history, [target])
-    selection = readable(ds).select(split, setpoint=setpoint, policy=policy)
+    selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
     selection.refuse_empty()
     stored = selection.stored
     source = Source(stored, consented_spec(stored, allow_code))

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Rows, readable
+from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns
 from ibdata.dynamics import Noise, State, Variant, step
@@ -60,7 +60,7 @@ class NoiseFloor(Tabular):
 
 @public
 def noise_floor(
-    ds: Rows,
+    ds: Place,
     split: str | Sequence[str] | None = None,
     *,
     setpoint: float | Sequence[float] | None = None,
@@ -93,7 +93,7 @@ def noise_floor(
             another `eta_squash` than the published ones.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    selection = readable(ds).select(split, setpoint=setpoint, policy=policy)
+    selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
     source = Source(selection.stored)
     names = ["episode", "step", *ACTIONS, "next_obs_setpoint"]
     moments = []

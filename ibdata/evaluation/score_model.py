@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Rows, readable
+from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.noise_floor import QUANTITIES, NoiseFloor, noise_floor
@@ -59,7 +59,7 @@ class ModelScores(Tabular):
 
 @public
 def score_model(
-    ds: Rows,
+    ds: Place,
     model: Callable[..., Any],
     split: str | Sequence[str] | None = None,
     *,
@@ -94,7 +94,7 @@ def score_model(
         PolicyError: The model returned no finite numbers of this shape.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    selection = readable(ds).select(split, setpoint=setpoint, policy=policy)
+    selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
     horizons = np.unique(whole("steps", steps))
     if not horizons.size or horizons[0] < 1:
         raise UsageError(f"steps: found {steps}, expected whole numbers of at least 1")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.dataset import Place, whole_dataset
 from ibdata.dataset.stored import Stored
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError, excerpt
@@ -75,7 +75,7 @@ def state_at(ds: Place, rows: Any) -> State:
         UsageError: There is no such row.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    source = Source(opened(ds).stored)
+    source = Source(whole_dataset(ds).stored)
     episodes, steps = source.episodes_and_steps(rows)
     return source.carries_at(episodes, steps, Constant()).state  # any policy that sees nothing
 

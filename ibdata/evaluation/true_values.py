@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Place, opened
+from ibdata.dataset.dataset import Place, whole_dataset
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.play import Floats, checked_discount, returns_of
@@ -199,7 +199,10 @@ def true_values(
         PolicyError: The policy failed, or returned no valid action.
     """
     discount = checked_discount(discount)
-    policies, source = list(policies_of(policy, history, allow_code).values()), Source(opened(ds).stored)
+    policies, source = (
+        list(policies_of(policy, history, allow_code).values()),
+        Source(whole_dataset(ds).stored),
+    )
     if len(policies) != 1:
         raise UsageError(f"policy: found {len(policies)} policies, expected one policy")
     [acting] = policies

@@ -22,7 +22,7 @@ from ibdata.dataset.tabular import pairs
 from ibdata.numerics.naming import counted, within
 
 if TYPE_CHECKING:
-    from ibdata.dataset.reader import Rows
+    from ibdata.dataset.dataset import Place
 
 FORMATS = tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
 
@@ -54,7 +54,7 @@ class Exported(NamedTuple):
 
 @public
 def export(
-    dataset: Rows,
+    dataset: Place,
     to: str,
     out: str | os.PathLike[str],
     *,
@@ -93,8 +93,8 @@ def export(
         BusyError: Another process exports to this path.
         IbdataError: The system refuses to write.
     """
-    from ibdata.dataset.conditions import checked_length
-    from ibdata.dataset.reader import readable
+    from ibdata.dataset.dataset import opened
+    from ibdata.dataset.selection import checked_length
     from ibdata.errors import UsageError
     from ibdata.exporters._target import whole
     from ibdata.exporters._view import View
@@ -109,7 +109,7 @@ def export(
     options = view_of(view)
     if options.cost is not None and not getattr(format, "COSTS", False):
         raise UsageError(f"cost: found one, but the format {to} has no place for costs; leave it out")
-    rows = readable(dataset)
+    rows = opened(dataset)
     is_split = rows.select().mask is None
     shown = View(rows.select(split), split if is_split else None, history, options, progress)
     more = {} if id is None else {"id": id}

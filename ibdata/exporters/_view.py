@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset.selection import Selection
-from ibdata.dataset.transitions import left_out, needed, whole_episodes
-from ibdata.dataset.viewed import BLOCK_ROWS, arrays_of, identity
+from ibdata.dataset.dataset import BLOCK_ROWS, Dataset
+from ibdata.dataset.digest import identity
+from ibdata.dataset.transitions import arrays_of, left_out, needed, whole_episodes
 from ibdata.errors import UsageError
 from ibdata.numerics.naming import decimal
 from ibdata.system.progress import bar
@@ -49,7 +49,7 @@ class View:
 
     def __init__(
         self,
-        selection: Selection,
+        selection: Dataset,
         split: str | Sequence[str] | None = None,
         history: int = 1,
         options: ViewOptions = PLAIN,

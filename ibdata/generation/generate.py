@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.dataset import Dataset
 from ibdata.errors import UsageError, notice
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
-from ibdata.dataset.reader import to_write
+from ibdata.dataset.dataset import to_write
 from ibdata.errors import notice
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.measures.quality import quality

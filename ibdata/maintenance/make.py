@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Dataset, opened
-from ibdata.dataset.selection import Selection
+from ibdata.dataset.dataset import Dataset, opened
 from ibdata.environment import ID
 from ibdata.errors import BusyError, DatasetError, UsageError, missing, notice
 from ibdata.experiment import Experiment, load
@@ -86,7 +85,7 @@ def make(
     return environment, train, validation
 
 
-def train_and_validation(dataset: Dataset) -> tuple[Selection, Selection]:
+def train_and_validation(dataset: Dataset) -> tuple[Dataset, Dataset]:
     """The episodes to train on, and those to validate on; those of the split `test` are neither."""
     episodes = dataset.episodes
     splits = {name: dataset.select(name).inside for name in dataset.splits}

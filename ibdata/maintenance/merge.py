@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.dataset import Dataset
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns

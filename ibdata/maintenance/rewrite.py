@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from ibdata.dataset import manifest
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.dataset import Dataset
 from ibdata.errors import BusyError, DatasetError, IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Dataset, Place, to_write
+from ibdata.dataset.dataset import Dataset, Place, to_write
 from ibdata.errors import UsageError, meant
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ibdata.arguments import public
-from ibdata.dataset.reader import Rows, readable
+from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns, whole_episodes
 from ibdata.measures.coverage import Coverage, state_numbers
@@ -61,7 +61,7 @@ class Quality(Tabular):
 
 @public
 def quality(
-    ds: Rows,
+    ds: Place,
     split: str | Sequence[str] | None = None,
     *,
     setpoint: float | Sequence[float] | None = None,
@@ -88,7 +88,7 @@ def quality(
         UsageError: The dataset has no such split, setpoint or policy, or no such episode.
         DatasetError: A file is missing or damaged.
     """
-    selection = readable(ds).select(split, setpoint=setpoint, policy=policy)
+    selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
     names = ["obs_setpoint", *STEERINGS, *ACTIONS, DENSITY, "step", "terminated", "truncated"]
     batches, episodes = selection.iter_batches(names, batch_rows=BATCH_ROWS), selection.episode_table
     coverage, stochasticity, entropies = Coverage(), Stochasticity(), []

@@ -15,8 +15,7 @@ from ibdata.errors import IbdataError, UsageError, meant
 from ibdata.system.storage import local
 
 if TYPE_CHECKING:
-    from ibdata.dataset.readable import Readable
-    from ibdata.dataset.reader import Rows
+    from ibdata.dataset.dataset import Dataset, Place
 
 FOLDER = "figures"
 FORMS = ("png", "svg")
@@ -41,7 +40,7 @@ def plots() -> list[str]:
 
 @public
 def plot(
-    dataset: Rows,
+    dataset: Place,
     out: str | os.PathLike[str] | None = None,
     form: str = "png",
     overwrite: bool = False,
@@ -69,13 +68,13 @@ def plot(
         ImportError: matplotlib is not installed.
         IbdataError: a file cannot be written.
     """
+    from ibdata.dataset.dataset import opened
     from ibdata.dataset.manifest import refuse_inside
-    from ibdata.dataset.reader import readable
     from ibdata.system.files import write
 
     if form not in FORMS:
         raise UsageError(f"form: found {form!r}{meant(form, FORMS)}")
-    shown = readable(dataset)
+    shown = opened(dataset)
     name = os.path.basename(os.path.abspath(shown.place.partition("?")[0]))  # of a folder or in a URL
     folder = Path(FOLDER, name) if out is None else local(out)
     paths = {name: folder / f"{name}.{form}" for name in _of(shown)}
@@ -93,7 +92,7 @@ def plot(
     return Pictures(paths.values())
 
 
-def drawn(dataset: Readable, form: str = "png", progress: bool | None = False) -> dict[str, bytes]:
+def drawn(dataset: Dataset, form: str = "png", progress: bool | None = False) -> dict[str, bytes]:
     """The pictures of a dataset by name. Raises DatasetError and ImportError as `plot` does."""
     from ibdata.plots.style import DATASET_DPI, image
     from ibdata.plots.summary import Summary
@@ -110,7 +109,7 @@ def drawn(dataset: Readable, form: str = "png", progress: bool | None = False) -
     return images
 
 
-def _of(dataset: Readable) -> list[str]:
+def _of(dataset: Dataset) -> list[str]:
     """The pictures that show something of a dataset."""
     return [name for name in plots() if name != "splits" or dataset.stored.splits]
 

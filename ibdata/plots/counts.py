@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.models import Quantile
-from ibdata.dataset.readable import Readable
 from ibdata.errors import DatasetError
 from ibdata.plots.style import Floats, Numbers
 from ibdata.system.progress import bar
@@ -43,7 +43,7 @@ class Counts(NamedTuple):
 
 
 def count(
-    dataset: Readable, cells: tuple[int, int], setpoint: Numbers, policy: Numbers, progress: bool | None
+    dataset: Dataset, cells: tuple[int, int], setpoint: Numbers, policy: Numbers, progress: bool | None
 ) -> Counts:
     """Count the rows by the groups (setpoint, policy) of their episodes (n,)."""
     counts = Counts(
@@ -100,7 +100,7 @@ def _into(counts: npt.NDArray[Any], *places: Numbers, weights: npt.NDArray[Any] 
     counts += np.bincount(flat, weights, minlength=counts.size).reshape(counts.shape)
 
 
-def _range(dataset: Readable, name: str) -> tuple[float, float]:
+def _range(dataset: Dataset, name: str) -> tuple[float, float]:
     """The least and the greatest value of a column, or some room around its only value."""
     stat = dataset.statistics().get(name, {})
     low, high = stat.get("min"), stat.get("max")
@@ -112,7 +112,7 @@ def _range(dataset: Readable, name: str) -> tuple[float, float]:
     return (low, high) if low < high else (low - 0.5, high + 0.5)
 
 
-def _cost_edges(dataset: Readable, name: str) -> Floats:
+def _cost_edges(dataset: Dataset, name: str) -> Floats:
     """Edges of equal bins around the quantiles of 5 and 95 % of all rows."""
     low, high = _range(dataset, name)
     tails = [dataset.statistics()[name]["quantiles"][tail] for tail in TAILS]

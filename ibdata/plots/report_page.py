@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from ibdata.dataset.reader import Dataset
+from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.tabular import Tabular, column_texts
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec

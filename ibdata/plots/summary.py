@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dataset.readable import Readable
+from ibdata.dataset.dataset import Dataset
 from ibdata.errors import DatasetError
 from ibdata.plots.counts import count
 from ibdata.plots.style import SERIES, Floats
@@ -29,7 +29,7 @@ class Summary:
         DatasetError: A setpoint or return is not a finite number, or rows or statistics are damaged.
     """
 
-    def __init__(self, dataset: Readable, progress: bool | None = False) -> None:
+    def __init__(self, dataset: Dataset, progress: bool | None = False) -> None:
         self.dataset = dataset
         self.episodes = dataset.episodes
         values, number = np.unique(self._finite("setpoint"), return_inverse=True)

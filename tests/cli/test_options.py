@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from ibdata.cli import cli
-from ibdata.dataset.readable import Readable
+from ibdata.dataset.dataset import Dataset
 from ibdata.experiment import Experiment
 
 # A command line; the library function that it calls; the arguments of this call. $D is a dataset, $S a folder
@@ -25,7 +25,7 @@ PREVIEWED = {"workers": 3, "allow_code": True}
 CHOICE = "--split target --setpoint 70 --policy random --policy calm --episodes 0-2,5 --returns -inf 3"
 CHOSEN = {"split": "target", "setpoint": 70.0, "policy": ["random", "calm"], "episodes": [0, 1, 2, 5],
           "returns": [-math.inf, 3.0]}  # fmt: skip
-SELECT = "ibdata.dataset.readable.Readable.select"
+SELECT = "ibdata.dataset.dataset.Dataset.select"
 TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ("card $D", "ibdata.maintenance.card.card", {"folder": DATA}),
     (f"config validate random {CHANGES}", "ibdata.experiment.load_all", {"config": "random", **LOADED}),
@@ -77,15 +77,15 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ),
     (
         "head $D -n 3 --columns step,reward --split target",
-        "ibdata.dataset.reader.Dataset.head",
+        "ibdata.dataset.dataset.Dataset.head",
         {"rows": 3, "columns": ["step", "reward"], "split": "target", "at": None},
     ),
     (
         "head $D --at 3 4",
-        "ibdata.dataset.reader.Dataset.head",
+        "ibdata.dataset.dataset.Dataset.head",
         {"rows": 5, "columns": None, "split": None, "at": (3, 4)},
     ),
-    ("info $D", "ibdata.dataset.reader.Dataset.__init__", {"path": DATA}),
+    ("info $D", "ibdata.dataset.dataset.Dataset.__init__", {"path": DATA}),
     ("init mine.yaml", "ibdata.experiment.template.write_template", {"file": "mine.yaml"}),
     ("ls o", "ibdata.maintenance.listing.datasets_in", {"folder": "o"}),
     ("merge a b c --out o", "ibdata.maintenance.merge.merge", {"folders": ("a", "b", "c"), "out": "o"}),
@@ -113,8 +113,8 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
          "shots": 4, "transitions": 5, "within": 6.0, "fractions": [0.5, 0.5], "prefix": "p",
          "names": {"a": "b", "c": "d"}, "remove": ("e", "f"), "materialize": "o"},
     ),
-    ("split $D --list", "ibdata.dataset.reader.Dataset.splits", {}),
-    ("stats $D", "ibdata.dataset.selection.Selection.statistics", {}),
+    ("split $D --list", "ibdata.dataset.dataset.Dataset.splits", {}),
+    ("stats $D", "ibdata.dataset.dataset.Dataset.statistics", {}),
     ("stats $D --quality", "ibdata.measures.quality.quality", {"ds": DATA}),
     (
         "validate $D --quick --quiet",
@@ -133,7 +133,7 @@ def plain(value: Any) -> Any:
     """A value as the table has it."""
     if isinstance(value, Experiment):
         return [value.seed, value.steps]
-    if isinstance(value, Readable):
+    if isinstance(value, Dataset):
         value = value.place
     if isinstance(value, dict):
         return {key: plain(each) for key, each in value.items()}

@@ -61,7 +61,7 @@ def test_a_flipped_bit_is_an_error_and_never_other_data(copied, shard_file, read
 
 
 METADATA = {
-    "dataset.json": repr,
+    "dataset.json": lambda d: d.info,
     "statistics.json": lambda d: d.statistics(),
     "episodes.parquet": lambda d: d.episodes,
 }

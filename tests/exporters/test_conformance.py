@@ -16,7 +16,7 @@ from exporters.reading import equal, hdf5, holds, one_setpoint
 
 import ibdata
 from ibdata.cli import cli
-from ibdata.dataset.selection import Selection
+from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, IbdataError
 from ibdata.exporters._view import View
 
@@ -106,7 +106,7 @@ def test_options_that_cannot_be_meant(dataset, tmp_path, options, message):
 
 def test_a_damaged_dataset_is_refused(dataset, tmp_path, monkeypatch):
     cut = dataset.table().slice(0, 90).to_batches()
-    monkeypatch.setattr(Selection, "batches", lambda _, names, most: (b.select(names) for b in cut))
+    monkeypatch.setattr(Stored, "batches_of", lambda _, mask, names, most: (b.select(names) for b in cut))
     with pytest.raises(DatasetError, match="the last episode has no end, see ibdata validate"):
         ibdata.export(dataset, "npz", tmp_path / "made")
     assert list(tmp_path.iterdir()) == []

@@ -1,18 +1,24 @@
-"""Reading rows as pandas, Arrow, batches or arrays: what a dataset and a selection have in common."""
+"""A finished dataset, or some of its episodes, which are read without running any code of it."""
 
 from __future__ import annotations
 
+import copy
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.arguments import public
-from ibdata.dataset.conditions import (
+from ibdata.dataset import manifest
+from ibdata.dataset.digest import identity
+from ibdata.dataset.models import Statistic
+from ibdata.dataset.returns import Returns, behaviour_returns
+from ibdata.dataset.selection import (
     Columns,
     Limits,
     Numbers,
@@ -22,37 +28,97 @@ from ibdata.dataset.conditions import (
     checked_columns,
     checked_history,
     checked_length,
+    in_splits,
+    meeting,
     refuse_columns,
 )
-from ibdata.dataset.returns import Returns, behaviour_returns
-from ibdata.dataset.splits import with_later
-from ibdata.dataset.stored import Stored
-from ibdata.dataset.tabular import ColumnStatistics
-from ibdata.dataset.transitions import as_batch, first_rows, left_out, needed, transitions
-from ibdata.dataset.viewed import arrays_of, batches_of, windows_of
-from ibdata.dataset.windows import Windows
-from ibdata.errors import UsageError
-from ibdata.views.options import View, view_of
+from ibdata.dataset.splits import Splits, with_later
+from ibdata.dataset.stored import Mask, Stored
+from ibdata.dataset.tabular import ColumnStatistics, Table, as_html
+from ibdata.dataset.transitions import (
+    Transitions,
+    arrays_of,
+    as_batch,
+    first_rows,
+    left_out,
+    needed,
+    transitions,
+    whole_episodes,
+)
+from ibdata.dataset.windows import Sizes, WindowFolder, Windows, in_folder, in_memory
+from ibdata.errors import UsageError, printable
+from ibdata.numerics.naming import counted, decimal
+from ibdata.system.storage import Storage, existing, local
+from ibdata.views.options import View, ViewOptions, view_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ibdata.dataset.selection import Selection
+BLOCK_ROWS = 65_536
 
 
-class Readable(ABC):
-    """What rows can be read from: a dataset, or a selection of one."""
+class Dataset:
+    """A finished dataset in a folder or at a URL, or some of its episodes. Only listed files are read.
 
-    stored: Stored
+    If the dataset is replaced after it was opened, reading raises BusyError. Functions that take a folder
+    take a Dataset too. Of one that `select` gives, `content_root`, `info`, `manifest`, `splits` and `place`
+    are those of the whole dataset, and all else is of its episodes.
+
+    Args:
+        path: The folder, or a URL such as s3://bucket/name. A plain name, without `..`, of which there is no
+            folder is looked for in data/, so that the name of a shipped experiment finds its dataset.
+
+    Raises:
+        DatasetError: There is no finished dataset, or its manifest is damaged.
+    """
+
+    @public
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.stored = Stored.open(existing(path))
+        self.mask: Mask | None = None  # whether each episode is one of these; None for all of them
+        self.is_by_returns = False  # whether these were chosen by their returns
+
+    def __repr__(self) -> str:
+        of = "" if self.mask is None else "a selection of "
+        size = f"{counted(len(self), 'row')}, {counted(int(self.inside.sum()), 'episode')}"
+        return f"<ibdata.Dataset {of}{printable(self.place)}: {size}>"
+
+    def _repr_html_(self) -> str:
+        episodes = self.episode_table
+        row = {
+            "dataset": self.stored.info.name,
+            "rows": len(self),
+            "episodes": len(episodes),
+            "policies": episodes["policy"].unique().to_pylist(),
+            "setpoints": [decimal(p) for p in episodes["setpoint"].unique().to_numpy()],
+            "content root": f"{self.content_root[:12]}…",
+            "in": self.place,
+        }
+        return as_html([Table(list(row), [list(row.values())]), *self.splits.tables()])
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __len__(self) -> int:
+        if self.mask is None:
+            return self.stored.manifest.rows
+        return int(self.stored.episodes["length"].to_numpy()[self.mask].sum())
+
+    def refuse_selection(self) -> None:
+        """Raise UsageError if it is only some episodes of the dataset."""
+        if self.mask is not None:
+            raise UsageError(f"{self.place}: found a selection of its episodes, expected the whole dataset")
 
     @property
-    @abstractmethod
-    def _everything(self) -> Selection:
-        """All of its episodes."""
+    def storage(self) -> Storage:
+        """The files, by which it is a place. Raises UsageError for a selection, which has none of its own."""
+        self.refuse_selection()
+        return self.stored.storage
 
-    @abstractmethod
-    def __len__(self) -> int:
-        """The number of rows."""
+    @property
+    def path(self) -> Path:
+        """The folder, from the root. Raises UsageError for a selection, and for a dataset at a URL."""
+        return self.storage.path
 
     @property
     def place(self) -> str:
@@ -69,12 +135,34 @@ class Readable(ABC):
         """meta/dataset.json: columns with roles, units and bounds; counts of the whole dataset."""
         return self.stored.info.plain()
 
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """meta/manifest.json: experiments, shards, files with their SHA-256, content root, versions."""
+        return self.stored.manifest.plain()
+
+    @property
+    def splits(self) -> Splits:
+        """For each split its numbers of episodes and rows, and whether it is declared: of whole files."""
+        keys = {"episodes", "rows", "declared"}
+        return Splits({name: entry.model_dump(include=keys) for name, entry in self.stored.splits.items()})
+
+    @property
+    def inside(self) -> Mask:
+        """Whether each episode of the whole dataset is one of these, (episodes,)."""
+        return np.ones(len(self.stored.episodes), dtype=np.bool_) if self.mask is None else self.mask
+
+    @property
+    def episode_table(self) -> pa.Table:
+        """The episodes as an Arrow table, without later splits."""
+        table = self.stored.episodes
+        return table if self.mask is None else table.filter(self.mask)
+
     @property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
-        mask, table = self.select().mask, with_later(self.stored.episodes, self.stored.splits)
+        table = with_later(self.stored.episodes, self.stored.splits)
         frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
-        return frame if mask is None else frame[mask]
+        return frame if self.mask is None else frame[self.mask]
 
     @public
     def select(
@@ -85,12 +173,12 @@ class Readable(ABC):
         policy: Policy = None,
         episodes: Numbers = None,
         returns: Limits = None,
-    ) -> Selection:
+    ) -> Dataset:
         """The episodes that meet all of these conditions.
 
-        Rows of the selection are read as those of the dataset: `ds.select("train").arrays()`. Functions that
-        take the rows of a dataset, such as `quality`, `importance` and `export`, take a selection too. It may
-        be empty; only reading no rows is an error.
+        They are read as those of the dataset: `ds.select("train").arrays()`. Functions that take the rows of
+        a dataset, such as `quality`, `importance` and `export`, take a selection too. It may be empty; only
+        reading no rows is an error.
 
         Args:
             split: In this split, or in one of these.
@@ -102,7 +190,13 @@ class Readable(ABC):
         Raises:
             UsageError: The dataset has no such split, setpoint, policy or episode, or no limits are given.
         """
-        return self._everything.narrowed(split, setpoint, policy, episodes, returns)
+        conditions = (split, setpoint, policy, episodes, returns)
+        if all(condition is None for condition in conditions):
+            return self
+        selected = copy.copy(self)
+        selected.mask = self.inside & meeting(self.stored, *conditions)
+        selected.is_by_returns = self.is_by_returns or returns is not None
+        return selected
 
     @public
     def returns(self) -> Returns:
@@ -148,10 +242,10 @@ class Readable(ABC):
         """
         chosen = self._chosen(split, setpoint, policy)
         if view is None:
-            return chosen.rows(checked_columns(columns, self.stored.info))
+            return self.stored.rows_of(chosen.mask, checked_columns(columns, self.stored.info))
         refuse_columns(columns)
         info, options = self.stored.info, view_of(view)
-        shown = transitions(chosen.rows(needed(info, options)), info, options)
+        shown = transitions(self.stored.rows_of(chosen.mask, needed(info, options)), info, options)
         return pa.Table.from_batches([as_batch(shown, options.frame(info.drifting))])
 
     @public
@@ -171,7 +265,11 @@ class Readable(ABC):
         chosen = self._chosen(split, setpoint, policy)
         frame: pd.DataFrame = chosen.table(columns, view=view).to_pandas(ignore_metadata=True)
         if len(frame) < self.stored.manifest.rows:
-            frame.index = chosen.row_numbers(left_out(self.stored.info, view_of(view)))
+            lengths = self.stored.episodes["length"].to_numpy()
+            inside = np.repeat(chosen.inside, lengths)
+            if left_out(self.stored.info, view_of(view)):
+                inside[np.cumsum(lengths) - 1] = False
+            frame.index = np.flatnonzero(inside)
         return frame
 
     @public
@@ -226,11 +324,14 @@ class Readable(ABC):
         batch_rows = min(checked_length(batch_rows, "batch_rows"), self.stored.manifest.rows)
         chosen = self._chosen(split, setpoint, policy)
         if view is None:
-            return chosen.batches(checked_columns(columns, self.stored.info), batch_rows)
+            names = checked_columns(columns, self.stored.info)
+            return self.stored.batches_of(chosen.mask, names, batch_rows)
         refuse_columns(columns)
         options = view_of(view)
         frame = options.frame(self.stored.info.drifting)
-        return batches_of(chosen.transitions(options, batch_rows), frame, batch_rows)
+        blocks = chosen._transitions(options, batch_rows)
+        shown = (pa.Table.from_batches([as_batch(block, frame)]) for block in blocks)
+        return (batch for table in shown for batch in table.to_batches(max_chunksize=batch_rows))
 
     @public
     def arrays(
@@ -269,7 +370,7 @@ class Readable(ABC):
         drop, options = checked_history(history, pad), view_of(view)
         more = checked_columns(columns, self.stored.info) if len(columns) else []
         names = list(dict.fromkeys([*needed(self.stored.info, options), *more]))
-        table = self._chosen(split, setpoint, policy).rows(names)
+        table = self.stored.rows_of(self._chosen(split, setpoint, policy).mask, names)
         return arrays_of(table, self.stored.info, options, history, drop, more)
 
     @public
@@ -304,10 +405,22 @@ class Readable(ABC):
         """
         drop, options = checked_history(history, pad), view_of(view)
         chosen = self._chosen(split, setpoint, policy)
-        blocks = chosen.transitions(options)
-        return windows_of(
-            blocks, chosen.episode_table, self.stored.info, options, self.content_root, folder, history, drop
-        )
+        blocks = chosen._transitions(options)
+        lengths = chosen.episode_table["length"].to_numpy()
+        kept = np.maximum(lengths - left_out(self.stored.info, options), 0)
+        rows, lost = int(kept.sum()), int((lengths - kept).sum())
+        frame = options.frame(self.stored.info.drifting)
+        costs = 0 if options.cost is None else rows
+        sizes = Sizes(episodes=int(np.count_nonzero(kept)), rows=rows, frame=len(frame), costs=costs)
+        if folder is None or not rows:  # nothing to keep in files
+            return Windows(in_memory(sizes, blocks), frame, history, drop, lost)
+        description = {
+            "content_root": self.content_root,
+            "episodes": identity(chosen.episode_table),
+            "view": options.plain(self.stored.info.drifting),
+        }
+        source = WindowFolder(local(folder).absolute(), description, sizes)
+        return Windows(in_folder(source, blocks), frame, history, drop, lost, source)
 
     @public
     def statistics(self, split: Split = None) -> ColumnStatistics:
@@ -326,11 +439,61 @@ class Readable(ABC):
             UsageError: The dataset has no such split, or the selection is empty.
             DatasetError: A file is missing or damaged.
         """
-        columns = self._chosen(split).column_statistics()
+        columns = self._chosen(split)._statistics()
         return ColumnStatistics((name, column.plain()) for name, column in columns.items())
 
-    def _chosen(self, split: Split = None, setpoint: Setpoint = None, policy: Policy = None) -> Selection:
+    def _statistics(self) -> dict[str, Statistic]:
+        stored, mask = self.stored, self.mask
+        if mask is None:
+            return stored.statistics.all
+        for name, entry in stored.splits.items():
+            if entry.declared and np.array_equal(mask, in_splits(stored, [name])):
+                return stored.statistics.splits[name]
+        from ibdata.dataset.statistics import of_batches  # compiles, which other readers do without
+
+        names = [column.name for column in stored.info.columns if column.dtype.startswith("float")]
+        return of_batches(stored.batches_of(mask, names, BLOCK_ROWS), names, len(self))
+
+    def _chosen(self, split: Split = None, setpoint: Setpoint = None, policy: Policy = None) -> Dataset:
         """A selection that is not empty. Raises UsageError if none of its episodes meets all conditions."""
         chosen = self.select(split, setpoint=setpoint, policy=policy)
         chosen.refuse_empty()
         return chosen
+
+    def refuse_empty(self) -> None:
+        """Raise UsageError if there is no episode in it."""
+        if self.mask is not None and not self.mask.any():
+            raise UsageError(
+                "split, setpoint, policy, episodes, returns: found no episode that meets all, "
+                "expected at least one"
+            )
+
+    def _transitions(self, options: ViewOptions, rows: int = BLOCK_ROWS) -> Iterator[Transitions]:
+        """The transitions in order, those of whole episodes with about `rows` rows at a time.
+
+        Raises UsageError at once if the view does not fit the dataset.
+        """
+        info = self.stored.info
+        batches = self.stored.batches_of(self.mask, needed(info, options), rows)
+        return (transitions(table, info, options) for table in whole_episodes(batches, self.place))
+
+
+Place = Dataset | str | os.PathLike[str]
+
+
+def opened(place: Place) -> Dataset:
+    """Return a dataset as it is, or open the one in a folder or at a URL."""
+    return place if isinstance(place, Dataset) else Dataset(place)
+
+
+def whole_dataset(place: Place) -> Dataset:
+    """Like `opened`. Raises UsageError for a selection."""
+    dataset = opened(place)
+    dataset.refuse_selection()
+    return dataset
+
+
+def to_write(place: Place) -> Dataset:
+    """Like `opened`, but a writer's folder is not looked for in data/, and it writes to no selection."""
+    manifest.read(place)
+    return opened(place)
