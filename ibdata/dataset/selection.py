@@ -156,7 +156,7 @@ def meeting(table: pa.Table, setpoint: Setpoint, policy: Policy, numbers: Number
     mask = np.ones(len(table), dtype=np.bool_)
     if setpoint is not None:
         values = table["setpoint"].to_numpy()
-        with np.errstate(over="ignore"):  # 20.1 is the float32 nearest to it, as NumPy compares Python's numbers
+        with np.errstate(over="ignore"):  # NumPy compares Python's 20.1 with a float32 as one
             points = known_of("setpoint", np.asarray(setpoint).tolist(), list(np.unique(values)))
         mask &= np.isin(values, np.array(points, values.dtype))
     if policy is not None:
