@@ -1,4 +1,4 @@
-"""Writing HDF5, which crashes when a write fails, or goes on as if it had not: what was written is read back."""
+"""Writing HDF5, which crashes when a write fails, or goes on: so what was written is read back."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def reserve(path: Path, size: int) -> None:
 
 def add(sums: Sums, name: str, values: Array) -> None:
     """Count values that are written to the end of a dataset."""
-    sums[name] = zlib.crc32(np.ascontiguousarray(values), sums.get(name, 0))
+    sums[name] = zlib.crc32(np.ascontiguousarray(values).data, sums.get(name, 0))
 
 
 @contextmanager
 def read_back(path: Path) -> Iterator[Sums]:
-    """Yield the sums of what the block writes to a file. Raises OSError if the file then holds other values."""
+    """Yield the sums that the block fills. Raises OSError if the file then holds other values."""
     written: Sums = {}
     try:
         yield written

@@ -124,6 +124,7 @@ def test_lerobot_writes_the_same_metadata_of_these_frames(dataset, tmp_path):
 
 
 def test_statistics_of_all_frames_are_lerobots_combination(dataset, tmp_path):
+    """But for quantiles, of which LeRobot takes means; ours are those of the frames."""
     made = ibdata.export(dataset, "lerobot", tmp_path / "made", history=2)
     rows = pq.read_table(Path(made.path) / "meta" / "episodes").to_pylist()
     each = [{key: np.array(x) for key, x in row.items() if key.startswith("stats/")} for row in rows]
@@ -131,7 +132,8 @@ def test_statistics_of_all_frames_are_lerobots_combination(dataset, tmp_path):
     found = flatten_dict(opened(made).meta.stats)
     assert set(found) == set(expected)
     for name, values in found.items():
-        np.testing.assert_allclose(values, expected[name], rtol=1e-9, atol=1e-9)
+        if "/q" not in name:
+            np.testing.assert_allclose(values, expected[name], rtol=1e-9, atol=1e-9)
 
 
 def test_the_columns_have_the_types_that_lerobot_expects(dataset, tmp_path):

@@ -82,9 +82,8 @@ def test_metadata_say_where_it_comes_from(dataset, root):
     assert dataset.content_root in metadata["description"]
     assert metadata["algorithm_name"] == "random, safe"
     assert metadata["requirements"] == [f"ibdata>={ibdata.__version__}"]
-    assert not any(
-        "seed" in m for m in found.storage.get_episode_metadata(range(12))
-    )  # reset() plays none again
+    # No reset(seed=…) plays an episode again.
+    assert not any("seed" in m for m in found.storage.get_episode_metadata(range(12)))
     assert "ibdata/small-v0" in minari.list_local_datasets()
 
 
