@@ -128,7 +128,8 @@ class ClippedNormal(Distribution):
 
     Args:
         mean: (n, 3).
-        sd: The standard deviation, above 0: a number, or an array that is broadcast to (n, 3).
+        sd: The standard deviation, above 0: a number, or an array that is broadcast to (n, 3). Below 1e-5,
+            float32 is too coarse for the density.
 
     Raises:
         ValueError: mean or sd has another shape, or a standard deviation is not above 0.
