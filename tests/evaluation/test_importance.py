@@ -181,6 +181,33 @@ def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
     assert in_parts.notes == whole.notes
 
 
+class Near:
+    """Acts near the mean of what it saw and did, and keeps how many frames it saw at a time."""
+
+    needs = Needs(history=3, step_draws=3)
+
+    def __init__(self):
+        self.frames = []
+
+    def decide(self, observed):
+        self.frames.append(observed.observations[..., 0].size)
+        mean = observed.observations[:, :, 1:4].mean(axis=1) / 200.0 - observed.actions.mean(axis=1) / 4.0
+        return Decision(ClippedNormal(np.clip(mean, -0.5, 0.5), 0.05), observed.memory)
+
+
+@pytest.mark.parametrize(("target", "policy"), [(Near, "random"), (lambda: "expert", "epsilon_greedy")])
+def test_no_more_frames_are_seen_at_a_time_than_fit(dataset, monkeypatch, target, policy):
+    """Whether rows of all steps are asked about together or, for a memory, step by step."""
+    whole, parts = target(), target()
+    expected = ibdata.importance(dataset, whole, policy=policy)
+    monkeypatch.setattr("ibdata.simulation.replay.FRAMES", 35)
+    found = ibdata.importance(dataset, parts, policy=policy)
+    assert found.ratios.tolist() == expected.ratios.tolist()
+    if target is Near:
+        assert max(whole.frames) == 40 * 6 * 3
+        assert max(parts.frames) == max(whole.frames[:6])  # of the check before, of 32 episodes
+
+
 def test_selected_episodes_keep_their_weights(dataset):
     """Whatever else is read with them, from any file."""
     whole = ibdata.importance(dataset, "random")
