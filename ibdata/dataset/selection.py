@@ -40,10 +40,17 @@ class Selection(Readable):
     `content_root`, `info` and `place` are those of the dataset; all else is of the selected episodes.
     """
 
-    def __init__(self, stored: Stored, mask: Mask | None = None, declared: str | None = None) -> None:
+    def __init__(
+        self,
+        stored: Stored,
+        mask: Mask | None = None,
+        declared: str | None = None,
+        is_by_returns: bool = False,
+    ) -> None:
         self.stored = stored
         self.mask = mask  # whether each episode of the dataset is selected; None for all of them
         self.declared = declared  # the declared split that this is, if it is one
+        self.is_by_returns = is_by_returns  # whether its episodes were chosen by their returns
 
     def __repr__(self) -> str:
         episodes = counted(int(self.inside.sum()), "episode")
@@ -83,7 +90,8 @@ class Selection(Readable):
             mask &= in_splits(self.stored, splits)
         only = splits[0] if len(splits) == 1 and not has_others else None
         is_declared = only is not None and self.mask is None and self.stored.splits[only].declared
-        return Selection(self.stored, mask, only if is_declared else None)
+        is_by_returns = self.is_by_returns or returns is not None
+        return Selection(self.stored, mask, only if is_declared else None, is_by_returns)
 
     def refuse_empty(self) -> None:
         """Raise UsageError if there is no episode in it."""
@@ -91,6 +99,14 @@ class Selection(Readable):
             raise UsageError(
                 "split, setpoint, policy, episodes, returns: found no episode that meets all, "
                 "expected at least one"
+            )
+
+    def refuse_by_returns(self) -> None:
+        """Raise UsageError if episodes were chosen by their returns, so that chance in them is not fair."""
+        if self.is_by_returns:
+            raise UsageError(
+                "returns: found episodes that were chosen by their returns, expected all, whatever came of "
+                "them: the chosen ones were lucky or unlucky; leave out returns"
             )
 
     def row_numbers(self, without_last: bool) -> npt.NDArray[np.int64]:
