@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from operator import itemgetter
 from typing import Any
 
@@ -25,6 +25,10 @@ DRAWS = 20_000  # in one situation, to compare the shares of actions with their 
 FEW = 100  # draws, below which a share says little
 CERTAIN = 6.0  # standard errors
 FREE = np.float32(2.0)  # in a pattern of actions, in place of a number that is not drawn again and again
+# Which numbers of draws move, there and back, in turn; and how far, in widths of the middle half.
+ALONE = np.eye(3)
+TOGETHER = np.array([(1, 1, 0), (1, -1, 0), (1, 0, 1), (1, 0, -1), (0, 1, 1), (0, 1, -1)]) / np.sqrt(2.0)
+STEP = 0.75
 POINTS = 5_000  # at which a density is integrated over a box
 
 # Actions (n, 3) -> the distribution in one situation, n times
@@ -46,7 +50,8 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
     - Where a density is known, 20,000 actions are drawn in each of 8 situations. The share of each action
       that is drawn again and again is the probability that the density gives it. Of the other actions, those
       with the same numbers at ±1 or at another repeated value are one group; the share of a box in the middle
-      of a group is the integral of the density over it. `atoms` is true for repeated numbers and no others.
+      of a group is the integral of the density over it. If draws moved to and fro as the density says, as
+      many would leave the middle as come back. `atoms` is true for repeated numbers and no others.
 
     A policy is checked at the first step of 256 episodes and, unless it must be asked in order, at the sixth.
     `generate` and `evaluate` make the second check before they run code of a user. As they do, it says on
@@ -71,8 +76,9 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
             try:
                 _check_decision(policy, observed)
                 _check_density(policy, observed, actions)
-                for row in range(0, len(seen), max(1, len(seen) // 8)):
-                    _check_frequencies(policy, observed.apply(itemgetter(slice(row, row + 1))))
+                for i, row in enumerate(range(0, len(seen), max(1, len(seen) // 8))):
+                    directions = (ALONE[i % len(ALONE)], TOGETHER[i % len(TOGETHER)])
+                    _check_frequencies(policy, observed.apply(itemgetter(slice(row, row + 1))), directions)
             except AnswerError as error:
                 raise PolicyError(f"policy {policy.label}: {error}") from error
 
@@ -125,17 +131,17 @@ def _check_values(policy: Policy, distribution: Distribution, action: Float32s, 
     )
 
 
-def _check_frequencies(policy: Policy, one: Observed) -> None:
+def _check_frequencies(policy: Policy, one: Observed, directions: Sequence[Floats]) -> None:
     """Compare shares of many draws in one situation with the probabilities that the density gives them."""
+    if np.isnan(_distribution(policy, one)[0].log_density(purity.decided(policy, one)[0])).any():
+        return  # no density is known
+
     u = np.random.default_rng(2).random((DRAWS, one.uniforms.shape[1]))
     many = one.apply(lambda x: np.repeat(x, DRAWS, axis=0))._replace(uniforms=u)
     actions, _ = purity.decided(policy, many)
 
     def distribution(points: Float32s) -> Distribution:
         return _distribution(policy, many.apply(lambda x: x[: len(points)].copy()))[0]
-
-    if np.isnan(distribution(actions).log_density(actions)).any():
-        return  # no density is known
 
     repeats = np.column_stack([_repeats(number) for number in actions.T])
     patterns, pattern_of, counts = np.unique(
@@ -147,6 +153,42 @@ def _check_frequencies(policy: Policy, one: Observed) -> None:
         _check_whole(patterns[which], counts[which] / DRAWS, distribution)
     for pattern in np.flatnonzero(~is_whole & is_often):
         _check_box(actions, pattern_of.ravel() == pattern, patterns[pattern], distribution)
+    free = ~repeats & (np.abs(actions) < 1.0)
+    of_all = distribution(actions)
+    for direction in directions:
+        _check_balance(of_all, actions, free, direction)
+
+
+def _check_balance(
+    distribution: Distribution, actions: Float32s, free: npt.NDArray[np.bool_], direction: Floats
+) -> None:
+    """Compare how many draws would move away from the middle and back, if they moved as the density says.
+
+    With the density p of the draws, as many of them move from a to b = a + s as from b to a, where moves are
+    accepted with the probability min(1, p(b)/p(a)) of Metropolis et al. 1953. Only `free` numbers move.
+    """
+    numbers = [x[is_free] if is_free.any() else x for x, is_free in zip(actions.T, free.T, strict=True)]
+    low, middle, high = np.array([np.quantile(x, [0.25, 0.5, 0.75]) for x in numbers]).T
+    width = np.where(high > low, high - low, 1.0)
+    step = STEP * direction * free  # (n, 3), in widths
+    place, far = ((actions - middle) / width * step).sum(axis=1), (step**2).sum(axis=1)
+    there, back = (_accepted(distribution, actions, x * width) for x in (step, -step))
+    for leave, enter, beyond in ((there, back, place), (back, there, -place)):
+        out, home = leave * (beyond >= 0.0), enter * (beyond >= far)
+        error = CERTAIN * np.sqrt(((out - home).var() + 1.0 / DRAWS) / DRAWS)
+        assert abs((out - home).mean()) <= error, (
+            f"log_density is not that of the draws: if they moved by ±{STEP * direction * width} as it says, "
+            f"a share of {out.mean():.4f} would move away from the middle and {home.mean():.4f} back"
+        )
+
+
+def _accepted(distribution: Distribution, actions: Float32s, step: Floats) -> Floats:
+    """The probabilities (n,) that draws (n, 3) move by a step (n, 3); 0 to and beyond ±1."""
+    moved = (actions + step).astype(np.float32)
+    inside = ((np.abs(moved) < 1.0) | (step == 0.0)).all(axis=1)
+    before, after = map(distribution.log_density, (actions, np.clip(moved, -1.0, 1.0)))
+    ratio = after - np.maximum(before, -1e300)
+    return np.where(inside, np.exp(np.minimum(ratio, 0.0)), 0.0)
 
 
 def _repeats(number: Float32s) -> npt.NDArray[np.bool_]:

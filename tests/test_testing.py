@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import count
+from statistics import NormalDist
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from ibdata.errors import PolicyError
-from ibdata.policies import POLICIES, ClippedNormal, Decision, Deterministic, Distribution, Needs, Policy
+from ibdata.policies import (
+    POLICIES,
+    ClippedNormal,
+    Decision,
+    Deterministic,
+    Distribution,
+    Needs,
+    Policy,
+    purity,
+)
 from ibdata.testing import check_policy
 
 
@@ -232,6 +243,85 @@ def test_draws_of_a_density_without_atoms_are_counted(factor):
     else:
         with pytest.raises(AssertionError, match=r"log_density gives actions in \[\S+ to "):
             check_policy(Noisy())
+
+
+standard_normal = np.vectorize(NormalDist().inv_cdf)
+CORRELATED = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]).T
+QUARTILES = 0.2 * np.log(2.0) / 0.6745  # of the Laplace distribution of width 0.2, as a normal one has them
+
+
+def exponential(u):
+    return -1.0 - 0.35 * np.log(u[:, :3])
+
+
+def laplace(u):
+    return -0.2 * np.sign(u[:, :3] - 0.5) * np.log(1.0 - 2.0 * np.abs(u[:, :3] - 0.5))
+
+
+def correlated(u):
+    return 0.3 * standard_normal(u[:, :3]) @ CORRELATED
+
+
+def moved(u):
+    return 0.03 + 0.3 * standard_normal(u[:, :3])
+
+
+def narrow_or_wide(u):
+    return np.where(u[:, 3:] < 0.4, 0.05, 0.3) * standard_normal(u[:, :3])
+
+
+def log_normal(deviation, action):
+    return (-0.5 * (action / deviation) ** 2 - np.log(deviation) - 0.5 * np.log(2.0 * np.pi)).sum(axis=1)
+
+
+def log_correlated(action):
+    return log_normal(0.3, action @ np.linalg.inv(CORRELATED)) - np.log(0.8)
+
+
+def log_narrow_or_wide(action):
+    return np.logaddexp(np.log(0.4) + log_normal(0.05, action), np.log(0.6) + log_normal(0.3, action))
+
+
+def log_constant(action):
+    """In the middle half it has the integral of the exponential distribution, and 17.6 over the cube."""
+    return np.full(len(action), 3.0 * np.log(0.5 / (0.35 * np.log(3.0))))
+
+
+def log_exponential(action):
+    return (-(action + 1.0) / 0.35 - np.log(0.35)).sum(axis=1)
+
+
+SHAPES = {
+    "exponential": (exponential, log_exponential, log_constant),
+    "Laplace": (
+        laplace,
+        lambda action: (-np.abs(action) / 0.2 - np.log(0.4)).sum(axis=1),
+        partial(log_normal, QUARTILES),
+    ),
+    "correlated": (correlated, log_correlated, partial(log_normal, 0.3)),
+    "moved by a tenth": (moved, lambda action: log_normal(0.3, action - 0.03), partial(log_normal, 0.3)),
+    "narrow or wide": (narrow_or_wide, log_narrow_or_wide, partial(log_normal, 0.3)),
+}
+
+
+@pytest.mark.parametrize(("draw", "right", "wrong"), SHAPES.values(), ids=SHAPES)
+def test_a_density_of_another_shape_is_said(draw, right, wrong):
+    """It agrees in the middle, or nearly; the right one passes, also if it is narrow and wide at once."""
+
+    def policy(stated):
+        class Stated(Distribution):
+            draws = 4
+            sample = staticmethod(draw)
+
+            def log_density(self, action):
+                edge = -5.0 * (np.abs(action) == 1.0).any(axis=1)  # where few are clipped
+                return stated(action.astype(np.float64)) + edge
+
+        return faulty(Coin, needs=Needs(step_draws=4), sides=Stated)
+
+    check_policy(policy(right), purity.histories(16, 1))
+    with pytest.raises(AssertionError, match=r"log_density (is not that of the draws: if|gives actions)"):
+        check_policy(policy(wrong), purity.histories(16, 1))
 
 
 class ForgetsClipping(ClippedNormal):

@@ -186,6 +186,8 @@ class Dataset:
             policy: Of the policy with this label, or with one of these.
             episodes: With this number, or with one of these, such as range(100).
             returns: With an undiscounted return within (lowest, highest), both included; None for no limit.
+                `importance`, `noise_floor` and `score_model` refuse episodes that were chosen by it.
+                `importance`, `noise_floor` and `score_model` refuse episodes that were chosen by it.
 
         Raises:
             UsageError: The dataset has no such split, setpoint, policy or episode, or no limits are given.
@@ -466,6 +468,14 @@ class Dataset:
             raise UsageError(
                 "split, setpoint, policy, episodes, returns: found no episode that meets all, "
                 "expected at least one"
+            )
+
+    def refuse_by_returns(self) -> None:
+        """Raise UsageError if episodes were chosen by their returns, so that chance in them is not fair."""
+        if self.is_by_returns:
+            raise UsageError(
+                "returns: found episodes that were chosen by their returns, expected all, whatever came of "
+                "them: the chosen ones were lucky or unlucky; leave out returns"
             )
 
     def _transitions(self, options: ViewOptions, rows: int = BLOCK_ROWS) -> Iterator[Transitions]:

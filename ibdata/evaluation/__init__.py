@@ -88,11 +88,8 @@ def evaluate(
     options = view_of(view)
     if options.reward_scale != 1.0:
         raise UsageError("view: found reward_scale, but returns are not scaled; leave it out")
-    if not options.is_classic and not any(isinstance(acting, Live) for acting in policies.values()):
-        raise UsageError(
-            "view: found one, but no object that could see it: policies of ibdata see the six observed "
-            "variables; leave it out, or give a function, a module or an object"
-        )
+    if not options.is_classic:
+        _refuse_unseen(policies)
     classic = options.reward.kind == "classic"
     choices = {"setpoint": setpoint, "steps": steps, "discount": discount, "episodes": episodes}
     choices |= {"start": start, "dynamics": dynamics, "seed": seed}
@@ -128,3 +125,18 @@ def evaluate(
         all_notes,
         baselines.compared(labels, of_policies.discounted),
     )
+
+
+def _refuse_unseen(policies: Mapping[str, Policy]) -> None:
+    """Raise UsageError for a view that no object sees, or one of them not."""
+    if not any(isinstance(policy, Live) for policy in policies.values()):
+        raise UsageError(
+            "view: found one, but no object that could see it: policies of ibdata see the six observed "
+            "variables; leave it out, or give a function, a module or an object"
+        )
+    for label, policy in policies.items():
+        if not isinstance(policy, Live) and any(isinstance(part, Live) for part in policy.everywhere()):
+            raise UsageError(
+                f"view: found {label}, an object within a policy of ibdata, which would see the six observed "
+                "variables; evaluate it without the view, or write an object that does what both do"
+            )

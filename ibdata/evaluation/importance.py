@@ -133,7 +133,8 @@ def importance(
 
     Raises:
         UsageError: a policy of the data never or hardly ever takes some actions of the target, a density is
-            not known, the episodes have different lengths, or an argument is invalid.
+            not known, episodes have different lengths or were chosen by their returns, or an argument is
+            invalid.
         PolicyError: the target failed, or returned no valid density.
         DatasetError: a file is missing or damaged.
     """
@@ -142,6 +143,7 @@ def importance(
     refuse_unused(history, [target])
     selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
     selection.refuse_empty()
+    selection.refuse_by_returns()
     stored = selection.stored
     source = Source(stored, consented_spec(stored, allow_code))
     episodes = np.flatnonzero(selection.inside)
@@ -223,13 +225,15 @@ def _notes_on_effective(effective: Floats) -> Iterator[str]:
 def _notes_on_distance(weighted: Estimated, *others: Estimated) -> Iterator[str]:
     """A warning for each estimate far from the weighted one, on which the mean weight has less influence."""
     for other in others:
-        if weighted.mean_return is None or other.mean_return is None or not other.standard_error:
+        if weighted.mean_return is None or other.mean_return is None or other.standard_error is None:
             continue
-        distance = abs(other.mean_return - weighted.mean_return) / other.standard_error
-        if distance > FARTHEST:
+        distance = abs(other.mean_return - weighted.mean_return)
+        is_far = distance > FARTHEST * other.standard_error
+        if is_far and not math.isclose(other.mean_return, weighted.mean_return):  # of equal returns
+            errors = other.standard_error and f"{distance / other.standard_error:.3g}"
             yield (
-                f"warning: {other.method} is {distance:.1f} of its standard errors from weighted, more than "
-                f"{FARTHEST:g}; trust neither its estimate nor its interval"
+                f"warning: {other.method} is {errors or 'infinitely many'} of its standard errors from "
+                f"weighted, more than {FARTHEST:g}; trust neither its estimate nor its interval"
             )
 
 

@@ -89,11 +89,12 @@ def noise_floor(
         `ds.to_pandas` with the same arguments.
 
     Raises:
-        UsageError: The dataset has no such split, setpoint or policy, or no such row; or its dynamics have
-            another `eta_squash` than the published ones.
+        UsageError: The dataset has no such split, setpoint or policy, or no such row; episodes were chosen
+            by their returns; or the dynamics have another `eta_squash` than the published ones.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
     selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
+    selection.refuse_by_returns()
     source = Source(selection.stored)
     names = ["episode", "step", *ACTIONS, "next_obs_setpoint"]
     moments = []

@@ -14,7 +14,9 @@ from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.numerics.random import stream_key
 from ibdata.policies import Observed, Policy
 from ibdata.policies.actions import read_only
+from ibdata.policies.base import SETPOINT
 from ibdata.policies.live import Live, without_runs
+from ibdata.policies.scaling import setpoint_notes
 from ibdata.policies.user_object import clipping_notes
 from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Episodes, Ints
@@ -22,7 +24,7 @@ from ibdata.simulation.unroll import LANES, Block, unroll
 from ibdata.simulation.variables import observed_rows, record_rows, values_of
 from ibdata.system.progress import Advance, unseen
 from ibdata.variables import variable_of
-from ibdata.views.options import PLAIN, ViewOptions
+from ibdata.views.options import OBSERVED, PLAIN, ViewOptions
 from ibdata.views.rewards import COSTS
 from ibdata.views.window import Window
 
@@ -67,13 +69,14 @@ def play(
     for first_cell in range(0, len(cells), per_policy):
         policy, those = cells[first_cell].policy, slice(first_cell, first_cell + per_policy)
         with loaded([policy], columns, says=False):  # one at a time, so that their modules never meet
+            at_setpoints = list(_setpoint_notes(policy, scenario, view))  # which ask it, before it acts
             for number in range(those.start, those.stop):
                 for first in range(0, n, LANES):
                     part = slice(first, min(first + LANES, n))
                     *returns, count = _returns(scenario, cells[number], number, part, discount, advance, view)
                     out[0, number, part], out[1, number, part], out[2, number, part] = returns
                     clipped[number] += count / (n * scenario.steps)
-            notes.append(list(_notes(policy, view, clipped[those].mean())))
+            notes.append([*_notes(policy, view, clipped[those].mean()), *at_setpoints])
     discounted, undiscounted, costs = out.reshape(3, -1, per_policy, n)
     return Played(discounted, undiscounted, costs, clipped.reshape(-1, per_policy), notes)
 
@@ -83,6 +86,14 @@ def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
     yield from notes_on(policy, view)
     if is_foreign(policy):
         yield from clipping_notes(clipped, 1.0, "actions")
+
+
+def _setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions) -> Iterator[str]:
+    """What says that a policy was trained at other setpoints. Moving ones may reach all."""
+    frame = view.frame(scenario.drifting) if isinstance(policy, Live) else OBSERVED
+    if OBSERVED[SETPOINT] in frame:
+        points = (0.0, *scenario.points, 100.0) if scenario.drifting else scenario.points
+        yield from setpoint_notes(policy, points, len(frame), frame.index(OBSERVED[SETPOINT]))
 
 
 def rewarded(view: ViewOptions) -> list[str]:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ibdata.errors import UsageError
 from ibdata.policies.libraries import evaluating
+from ibdata.policies.scaling import scaling_of
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
 DRAWN_BEFORE_TANH = ("SAC", "CQL", "CalQL")  # algorithms of d3rlpy
@@ -49,10 +50,6 @@ def _of_stable_baselines(model: Any) -> Actor:
     _refuse_other_bounds(model.action_space.low, model.action_space.high)
     if getattr(model, "use_sde", False):
         raise UsageError("model: found use_sde=True, whose noise depends on earlier steps; expected False")
-    normalize, scaling = model.get_vec_normalize_env(), {}
-    if normalize is not None and normalize.norm_obs:
-        std = np.sqrt(normalize.obs_rms.var + normalize.epsilon)
-        scaling = {"mean": normalize.obs_rms.mean.ravel(), "std": std.ravel(), "clip": normalize.clip_obs}
 
     def actions(inputs: npt.NDArray[np.float32]) -> Any:
         seen = inputs.reshape(len(inputs), *model.observation_space.shape)
@@ -69,7 +66,7 @@ def _of_stable_baselines(model: Any) -> Actor:
         extractor, (*hidden, mean, _) = policy.actor.features_extractor, policy.actor.mu
         squash, log_std, bounds = "tanh", None, SAC_BOUNDS
     modules = [*_modules(extractor), *(part for layer in hidden for part in _modules(layer))]
-    return Actor(modules, mean, squash, actions, log_std, bounds, scaling)
+    return Actor(modules, mean, squash, actions, log_std, bounds, scaling_of(model))
 
 
 def _of_d3rlpy(model: Any) -> Actor:
@@ -77,10 +74,7 @@ def _of_d3rlpy(model: Any) -> Actor:
         raise UsageError("model: found an algorithm of d3rlpy that is not built, expected a trained one")
     if (scaler := model.config.action_scaler) is not None:
         _refuse_other_bounds(scaler.minimum, scaler.maximum)
-    scaling = {}
-    if (scaler := model.config.observation_scaler) is not None:
-        scaling = {"mean": scaler.mean, "std": scaler.std + scaler.eps}
-    policy = model.impl.policy
+    policy, scaling = model.impl.policy, scaling_of(model)
     hidden = _modules(policy._encoder)
 
     def actions(inputs: npt.NDArray[np.float32]) -> Any:  # what `predict` calls on scaled observations

@@ -128,7 +128,8 @@ class ClippedNormal(Distribution):
 
     Args:
         mean: (n, 3).
-        sd: The standard deviation, above 0: a number, or an array that is broadcast to (n, 3).
+        sd: The standard deviation, above 0: a number, or one for each episode (n, 1), for each number of an
+            action (3,), or both (n, 3). Below 1e-5, float32 is too coarse for the density.
 
     Raises:
         ValueError: mean or sd has another shape, or a standard deviation is not above 0.
@@ -147,7 +148,11 @@ class ClippedNormal(Distribution):
         _refuse_other_shape(self.mean.shape, (len(self.mean), 3), "means")
         if not sd.min() > 0.0:
             raise ValueError(f"found the standard deviation {sd.min()}, expected a number above 0")
-        self.sd = np.ascontiguousarray(np.broadcast_to(sd, self.mean.shape))
+        try:
+            self.sd = np.ascontiguousarray(np.broadcast_to(sd, self.mean.shape))
+        except ValueError:
+            expected = f"a number, (n, 1), (3,) or (n, 3), where n is {len(self.mean)}"
+            raise ValueError(f"found deviations of shape {sd.shape}, expected {expected}") from None
 
     def sample(self, u: Floats) -> Floats:
         _refuse_other_shape(self.mean.shape, (len(u), 3), "means")

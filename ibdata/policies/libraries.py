@@ -131,6 +131,12 @@ def environment_note(target: Any, view: ViewOptions = PLAIN) -> str | None:
     return "the model was trained with another view than it is given here; evaluate takes the option view"
 
 
+def lacks_environment(target: Any) -> bool:
+    """Whether an object is a model of SB3 without an environment, so that its VecNormalize is not known."""
+    model = _model_of(target)
+    return model is not None and model.get_env() is None
+
+
 def _refuse_unknown(package: str, name: str) -> None:
     """Raise UsageError for a wrapper that may change observations or actions."""
     if name in STACKS:
@@ -147,10 +153,15 @@ def _refuse_unknown(package: str, name: str) -> None:
         )
 
 
-def _model_of(target: Any) -> Any:
-    """The model of SB3 that an object is, or whose method it is, perhaps with arguments; else None."""
+def owner_of(target: Any) -> Any:
+    """The object whose method another one is, perhaps with arguments; else that one."""
     method = getattr(target, "func", target)
-    model = getattr(method, "__self__", method)
+    return getattr(method, "__self__", method)
+
+
+def _model_of(target: Any) -> Any:
+    """The model of SB3 that an object is, or whose method it is; else None."""
+    model = owner_of(target)
     return model if callable(getattr(model, "get_vec_normalize_env", None)) else None
 
 

@@ -12,6 +12,7 @@ from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError
 from ibdata.policies.adapter import can_act, needs_of
+from ibdata.policies.base import Policy
 from ibdata.policies.user_object import UserObject
 
 LIVE = "live:"  # begins the name of an object in a record of code
@@ -50,7 +51,8 @@ class Live(UserObject):
             policy._held = _held_by_run.get(policy.run)
             return policy
         needs, held, run = needs_of(target), Held(target), token_hex(16)
-        block = {"history": max(1, needs.history), "uniforms": needs.step_draws, **data}
+        name = target.name if isinstance(target, Policy) else None
+        block = {"history": max(1, needs.history), "uniforms": needs.step_draws, "name": name, **data}
         policy = handler({**block, "target": getattr(target, "__name__", type(target).__name__), "run": run})
         _held_by_run[run] = policy._held = held
         return policy

@@ -18,6 +18,9 @@ from ibdata.policies.distributions import Certain, ClippedNormal
 from ibdata.policies.kinds import AnyPolicy, DeterministicBase
 from ibdata.policies.replaced import OrCertain
 
+# For less noise, float32 has too few actions: each is drawn again and again, so that no density is right.
+Deviation = Annotated[float, Field(ge=1e-5, le=1e9, strict=True)]
+
 
 class Gaussian(Wrapper):
     """Adds N(0, scale²) to each number of the base's action, and clips the sum to [-1, 1].
@@ -29,9 +32,7 @@ class Gaussian(Wrapper):
 
     kind: Literal["gaussian"] = "gaussian"
     base: Annotated[DeterministicBase, Unnamed, DrawsNothing] = Field(description="a deterministic policy")
-    scale: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
-        description="standard deviation of the noise"
-    )
+    scale: Deviation = Field(description="standard deviation of the noise")
 
     def decide(self, observed: Observed) -> Decision:
         base, memory = self.base_action(observed)
@@ -57,7 +58,7 @@ class OrnsteinUhlenbeck(Wrapper):
     theta: Annotated[float, Field(ge=1e-9, le=1.0, strict=True)] = Field(
         default=0.15, description="share of the distance to 0 by which the process returns per step"
     )
-    sigma: Annotated[float, Field(ge=1e-9, le=1e9, strict=True)] = Field(
+    sigma: Deviation = Field(
         default=0.2, description="standard deviation of the random number added to the process per step"
     )
 

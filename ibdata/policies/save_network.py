@@ -16,7 +16,9 @@ import numpy.typing as npt
 from ibdata.arguments import public
 from ibdata.errors import UsageError, notice
 from ibdata.policies.actors import Actor, actor_of, numbers
-from ibdata.policies.libraries import environment_note
+from ibdata.policies.base import SETPOINT
+from ibdata.policies.libraries import environment_note, lacks_environment
+from ibdata.policies.scaling import far_notes
 from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, kept, written
 from ibdata.system.files import write
 from ibdata.system.part import refusals
@@ -60,9 +62,15 @@ def save_network(
 
     Raises:
         UsageError: The model has another form, other numbers of inputs and outputs, or other actions than its
-            layers alone give; or a wrapper of its environment changes observations or actions.
+            layers alone give; a wrapper of its environment changes observations or actions; or a model of
+            Stable-Baselines3 has no environment, and mean and std are not given.
     """
     note = environment_note(model)
+    if mean is std is None and lacks_environment(model):
+        raise UsageError(
+            "model: found no environment, which keeps VecNormalize, expected one (model.set_env), or mean "
+            "and std, zeros and ones if it was trained on observations as they are"
+        )
     try:
         actor = actor_of(model)
         tensors, activation = _tensors(actor)
@@ -95,6 +103,9 @@ def save_network(
         write(target.parent, target.name, data)
     if note is not None and mean is std is None:
         notice(f"{target.name}: {note}, or pass mean and std")
+    beside = weights.mean[SETPOINT] + (1.0 if weights.mean[SETPOINT] < 50.0 else -1.0)
+    for said in far_notes({"mean": weights.mean, "std": weights.std}, [beside]):
+        notice(f"{target.name}: {said}")
     return weights.sha256
 
 

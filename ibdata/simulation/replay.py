@@ -14,8 +14,10 @@ from ibdata.policies import Observed
 from ibdata.policies.checked import CheckedPolicy
 from ibdata.policies.distributions import Distribution
 from ibdata.simulation.carry import begin
-from ibdata.simulation.episodes import Episodes, Float32s
+from ibdata.simulation.episodes import Episodes, Float32s, Floats
 from ibdata.simulation.unroll import BLOCK, observed
+
+FRAMES = 2**18  # frames that a policy sees at a time
 
 # The distribution of the policy's actions in some rows, and arrays of these rows -> answers (rows, …).
 Question = Callable[..., tuple[npt.NDArray[Any], ...]]
@@ -32,7 +34,8 @@ def replay(
 
     What a policy remembers is not recorded: it is computed again, step by step, from the observations, the
     actions and the random numbers at its addresses. Nothing is simulated but the burn-in. A policy that
-    remembers nothing is asked about all steps at once, with random numbers that are 0.
+    remembers nothing is asked about many steps at once, with random numbers that are 0; about the fewer, the
+    more frames it sees.
 
     Args:
         episodes: the episodes, and the policy that is asked.
@@ -47,6 +50,24 @@ def replay(
     Raises:
         PolicyError: the policy returned no valid decision.
     """
+    most = FRAMES // max(1, episodes.policy.needs.history)  # episodes, and rows, at a time
+    parts = []
+    for first in range(0, len(episodes), most):
+        lanes = episodes.lanes[first : first + most]
+        recorded = (array[first : first + most] for array in (observations, actions, *arrays))
+        parts.append(_replayed(episodes.take(lanes), question, most, *recorded))
+    return tuple(map(np.concatenate, zip(*parts, strict=True)))
+
+
+def _replayed(
+    episodes: Episodes,
+    question: Question,
+    most: int,
+    observations: Float32s,
+    actions: Float32s,
+    *arrays: npt.NDArray[Any],
+) -> tuple[npt.NDArray[Any], ...]:
+    """The answers for at most so many episodes, of which as many rows are asked about at a time."""
     carry, needs = begin(episodes), episodes.policy.needs
     policy = CheckedPolicy(episodes.policy, episodes.label, episodes.number)
     seen = actions_before = np.empty((*actions.shape[:2], 0, 6), dtype=np.float32)
@@ -54,27 +75,28 @@ def replay(
         seen = _windows(carry.observations[:, 1:], observations, needs.history)
         actions_before = _windows(carry.actions, actions[:, :-1], needs.history)
     n, steps = actions.shape[:2]
-    if needs.memory == 0:
-        everything = Observed(
-            _rows(seen),
-            _rows(actions_before),
-            np.tile(np.arange(steps), n),
-            np.zeros((n * steps, needs.step_draws)),
-            np.repeat(carry.draws, steps, axis=0),
-            np.zeros((n * steps, 0)),
-        )
-        of_rows = [_rows(array) for array in arrays]
-        answers, _ = policy.ask(everything, partial(_ask, question=question, arrays=of_rows))
-        return tuple(answer.reshape(n, steps, *answer.shape[1:]) for answer in answers)
-    of_steps = []
-    for first in range(0, steps, BLOCK):
-        for t, simulated in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
-            recorded = simulated._replace(observations=_at_step(seen, t), actions=_at_step(actions_before, t))
-            of_step = [_at_step(array, t) for array in arrays]
-            asked = partial(_ask, question=question, arrays=of_step)
-            answers, carry.memory = policy.ask(recorded, asked)
-            of_steps.append(answers)
-    return tuple(np.stack(answers, axis=1) for answers in zip(*of_steps, strict=True))
+    answers: list[list[npt.NDArray[Any]]] = []
+
+    def ask(given: Observed, first: int, stop: int) -> Floats:
+        of_part = [_rows(array[:, first:stop]) for array in (seen, actions_before, *arrays)]
+        recorded = given._replace(observations=of_part[0], actions=of_part[1])
+        found, memory = policy.ask(recorded, partial(_ask, question=question, arrays=of_part[2:]))
+        answers.append([answer.reshape(n, stop - first, *answer.shape[1:]) for answer in found])
+        return memory
+
+    if needs.memory:
+        for first in range(0, steps, BLOCK):
+            for t, given in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
+                carry.memory = ask(given, t, t + 1)
+    else:
+        for first in range(0, steps, most // n):
+            stop = min(first + most // n, steps)
+            rows = n * (stop - first)
+            nothing = np.zeros((rows, 0))
+            step, u = np.tile(np.arange(first, stop), n), np.zeros((rows, needs.step_draws))
+            draws = np.repeat(carry.draws, stop - first, axis=0)
+            ask(Observed(nothing, nothing, step, u, draws, nothing), first, stop)
+    return tuple(np.concatenate(blocks, axis=1) for blocks in zip(*answers, strict=True))
 
 
 def _ask(
@@ -85,18 +107,14 @@ def _ask(
 
 def _rows(x: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """An array (n, steps, …) as (n · steps, …)."""
-    return x.reshape(x.shape[0] * x.shape[1], *x.shape[2:])
-
-
-def _at_step(x: npt.NDArray[Any], step: int) -> npt.NDArray[Any]:
-    return np.ascontiguousarray(x[:, step])
+    return np.ascontiguousarray(x.reshape(x.shape[0] * x.shape[1], *x.shape[2:]))
 
 
 def _windows(before: Float32s, recorded: Float32s, length: int) -> Float32s:
-    """The last `length` rows before each step, newest first: (n, steps, length, c).
+    """The last `length` rows before each step, newest first: a view (n, steps, length, c).
 
     Those that are recorded are (n, rows, c), and those before them, newest first, (n, k, c).
     """
     joined = np.concatenate([before[:, ::-1], recorded], axis=1)
     windows = sliding_window_view(joined, length, axis=1)  # (n, steps, c, length), oldest first
-    return np.ascontiguousarray(np.moveaxis(windows, 2, 3)[:, :, ::-1])
+    return np.moveaxis(windows, 2, 3)[:, :, ::-1]

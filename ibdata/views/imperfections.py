@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.errors import UsageError
-from ibdata.variables import of_role, variable_of
+from ibdata.variables import variable_of
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
@@ -34,9 +34,16 @@ KINDS = {
     "missing": (LEAST, 1.0, "a probability above 0 and at most 1"),
 }
 NOTHING: Mapping[str, Any] = {}
-ADDRESSED = of_role(
-    "observation", "latent", "drift", "derived"
-)  # the index of a variable is part of its addresses
+# The variables whose random numbers come from one stream, by their index: this list never changes. Any other
+# variable has a stream of its own.
+TOGETHER = (
+    "setpoint", "velocity", "gain", "shift", "fatigue", "consumption",
+    *(f"theta_{lag}" for lag in range(1, 10)),
+    "domain", "response", "direction", "mu_v", "mu_g", "drift_rate", "drift_left",
+    "convolved_cost", "penalty", "expected_consumption", "effective_shift", "effective_velocity",
+    "effective_gain", "alpha", "basic_fatigue",
+)  # fmt: skip
+DRAWS = 2 * len(TOGETHER)  # of a stream at a step: a normal and a uniform number for each variable
 
 
 @dataclass(frozen=True)
@@ -91,7 +98,12 @@ class Measurement:
         self._quantum = per_column(imperfections.quantise)
         self._missing = per_column(imperfections.missing)
         self._seed = imperfections.seed
-        self._slots = np.array([ADDRESSED.index(variable_of(name)) for name in columns])
+        self._streams: dict[bytes, list[tuple[int, int]]] = {}  # the columns of each, and their index in it
+        for column, name in enumerate(map(variable_of, columns)):
+            is_together = name in TOGETHER
+            stream = b"measurement" if is_together else f"measurement {name}".encode()
+            place = column, TOGETHER.index(name) if is_together else 0
+            self._streams.setdefault(stream, []).append(place)
         self._random = bool(self._noise.any() or self._missing.any())
 
     def episode(self, clean: Float32s, number: int) -> tuple[Float32s, Flags]:
@@ -129,12 +141,14 @@ class Measurement:
         # Imported here, because other views need nothing compiled.
         from ibdata.numerics.random import Purpose, integers, normals_of, slots, stream_key, uniforms
 
-        keys = np.tile(stream_key(self._seed, b"measurement"), (len(numbers), 1))
-        draws = 2 * len(ADDRESSED)
-        uniform = np.empty((times, len(numbers), draws))
-        uniforms(integers(keys, numbers, Purpose.MEASUREMENT, time, times, slots(draws)), uniform)
-        table = uniform.reshape(-1, draws)
-        return normals_of(table[:, 2 * self._slots]), table[:, 2 * self._slots + 1]
+        out = np.empty((2, times * len(numbers), len(self.delay)))
+        for stream, places in self._streams.items():
+            keys = np.tile(stream_key(self._seed, stream), (len(numbers), 1))
+            u = np.empty((times, len(numbers), DRAWS))
+            uniforms(integers(keys, numbers, Purpose.MEASUREMENT, time, times, slots(DRAWS)), u)
+            columns, index = np.array(places).T
+            out[:, :, columns] = u.reshape(-1, len(TOGETHER), 2)[:, index].transpose(2, 0, 1)
+        return normals_of(out[0]), out[1]
 
 
 def imperfections_of(options: Mapping[str, Any] | None) -> Imperfections:

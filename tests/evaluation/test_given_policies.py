@@ -219,6 +219,15 @@ def test_a_view_that_nobody_could_see_is_refused():
         ibdata.evaluate("safe", **ALIKE, view={"observe": "markov"})
 
 
+def test_a_view_that_an_object_within_another_policy_would_not_see_is_refused():
+    """Also beside an object that sees it."""
+    within = {"kind": "epsilon_greedy", "base": Watcher(), "epsilon": 0.1}
+    for given in ([Watcher(), within], {"a": Watcher(), "b": {"kind": "mixture", "bases": ["safe", within]}}):
+        with pytest.raises(UsageError, match=r"^view: found (epsilon_greedy|b), an object within"):
+            ibdata.evaluate(given, **ALIKE, view={"observe": "markov"})
+    ibdata.evaluate([Watcher(), within], **ALIKE, view={"reward": "delta"})  # which all get
+
+
 def test_an_objects_view_leaves_other_policies_alone():
     both = ibdata.evaluate([Watcher(), "optimized"], **ALIKE, view={"observe": ["obs_gain"]})
     assert both.returns[1].tolist() == ibdata.evaluate("optimized", **ALIKE).returns[0].tolist()

@@ -78,3 +78,11 @@ def test_unknown_laws_and_empty_selections_are_refused(describe, tmp_path, datas
         noise_floor(made)
     with pytest.raises(UsageError, match="no episode that meets all"):
         noise_floor(dataset, "source", setpoint=70)
+
+
+def test_episodes_chosen_by_their_returns_are_refused(dataset):
+    """A perfect model errs less in lucky ones than the floor says, and more in unlucky ones."""
+    lucky = dataset.select(returns=(float(np.median(dataset.episodes["return"])), None))
+    for call in (noise_floor, lambda ds: ibdata.score_model(ds, lambda seen, actions: seen[:, 4:6])):
+        with pytest.raises(UsageError, match=r"^returns: found episodes that were chosen by"):
+            call(lucky)

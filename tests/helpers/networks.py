@@ -132,7 +132,7 @@ class Model:
         return self.env
 
     def get_vec_normalize_env(self):
-        return None
+        return getattr(self.env, "normalize", None)
 
     def predict(self, observations, deterministic=False):
         weight = self.policy.action_net.weight.numpy()

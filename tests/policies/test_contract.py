@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.policies import POLICIES, Decision, Policy
+from ibdata.policies import POLICIES, Decision, Policy, purity
 from ibdata.policies.checked import distribution_of
 from ibdata.testing import check_policy
 
@@ -38,6 +38,41 @@ def test_every_kind_is_in_the_table():
 @blocks
 def test_it_passes_the_published_checks(block):
     check_policy(policy_of(block))
+
+
+FITTING = {
+    "sines": {"period": 10_000},
+    "period": {"sines": 1},
+}  # of multisine, whose options limit each other
+
+
+def at_both_ends():
+    """Policies of all kinds, each with one number at the end of its range, or just inside of an open end."""
+    for block in {block["kind"]: block for block in reversed(BLOCKS)}.values():
+        for name, option in POLICIES[block["kind"]].model_fields.items():
+            others = FITTING.get(name, {}) if block["kind"] == "multisine" else {}
+            for end in option.metadata:
+                for bound, inside in (("ge", 0), ("le", 0), ("gt", 1e-12)):
+                    if hasattr(end, bound):
+                        changed = {**block, **others, name: getattr(end, bound) + inside}
+                        yield pytest.param(changed, id=f"{block['kind']}-{name}-{bound}")
+    yield {"kind": "mixture", "bases": ["random", "bad"], "weights": [1e-12, 1e9]}
+    yield {"kind": "schedule", "stages": [{"base": "bad", "steps": 6, "epsilon": [0.0, 1.0]}]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", list(at_both_ends()))
+def test_it_passes_them_at_both_ends_of_each_option(block):
+    check_policy(policy_of(block))
+
+
+@pytest.mark.parametrize("block", [{"kind": "gaussian", "base": "bad"}, {"kind": "ornstein_uhlenbeck"}])
+def test_noise_for_which_actions_are_too_coarse_is_refused(block):
+    """At the least, float32 has so many actions that none is drawn again and again; with less, some are."""
+    option = "scale" if block["kind"] == "gaussian" else "sigma"
+    check_policy(policy_of({**block, option: 1e-5}), purity.histories(2, 1))
+    with pytest.raises(ValidationError, match=f"{option}\\n.* greater than or equal to 0.00001"):
+        policy_of({**block, option: 9e-6})
 
 
 @blocks

@@ -84,7 +84,12 @@ def test_atoms_of_a_mixture_are_those_of_its_parts():
         (np.zeros((4, 3)), [0.1, 0.1, -0.5], "found the standard deviation -0.5"),
         (np.zeros((4, 3)), np.nan, "found the standard deviation nan"),
         (np.zeros((4, 2)), 0.1, r"found means of shape \(4, 2\), expected \(4, 3\)"),
-        (np.zeros((4, 3)), np.ones((2, 3)), "broadcast"),
+        (
+            np.zeros((4, 3)),
+            np.ones((2, 3)),
+            r"found deviations of shape \(2, 3\), expected a number, \(n, 1\)",
+        ),
+        (np.zeros((4, 3)), np.ones(4), r"found deviations of shape \(4,\)"),
     ],
 )
 def test_a_normal_distribution_that_is_none_is_refused(mean, sd, message):

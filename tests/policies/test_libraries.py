@@ -113,7 +113,6 @@ DOORS = {
     "generate": lambda model: ibdata.generate(
         {"name": "x", "setpoints": 70, "policies": [model], "steps": 2}, overwrite=True
     ),
-    "save_network": lambda model: ibdata.save_network("actor.safetensors", model),
     "check_policy": check_policy,
 }
 
@@ -136,8 +135,18 @@ def test_a_true_value_says_it_too(dataset, capsys):
     assert capsys.readouterr().err.startswith("ibdata: model: the model has no environment, so it is given")
 
 
-def test_a_scaling_that_is_given_needs_no_environment(tmp_path, capsys):
-    ibdata.save_network(tmp_path / "actor.safetensors", Model(), mean=np.zeros(6), std=np.ones(6))
+def test_a_network_without_its_environment_is_saved_with_a_given_scaling_only(tmp_path, capsys):
+    """Else nobody knows whether observations went through a VecNormalize."""
+    file = tmp_path / "actor.safetensors"
+    for env, said in (
+        (None, "^model: found no environment, which keeps VecN"),
+        (vectors([NORMALIZE, OWN]), "NormalizeO"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            ibdata.save_network(file, Model(env))
+        assert list(tmp_path.iterdir()) == []
+    ibdata.save_network(file, Model(), mean=np.zeros(6), std=np.ones(6))
+    ibdata.save_network(file, Model(vectors([OWN])))
     assert capsys.readouterr().err == ""
 
 

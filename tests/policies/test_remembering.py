@@ -48,7 +48,7 @@ def test_a_state_is_that_of_the_step_before():
     returns(policy, steps=4)
     assert all(is_none == bool(start.all()) == bool(start.any()) for is_none, start in policy.calls)
     firsts = [is_none for is_none, _ in policy.calls]
-    assert firsts == [*[True, False] * 3, True, False, False, False]  # after the check before a run
+    assert firsts == [*[True, False] * 3, True, True, False, False, False]  # after the checks before a run
 
 
 @pytest.mark.parametrize(

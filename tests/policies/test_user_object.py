@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import sys
 import types
+from typing import Literal
 
 import numpy as np
 import pytest
 from helpers.policies import proposed
 
-from ibdata.errors import UsageError
+import ibdata
+from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.policies import policy_of
-from ibdata.policies import Decision
+from ibdata.policies import ClippedNormal, Decision, Needs, Policy
 from ibdata.policies.checked import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
@@ -178,3 +180,44 @@ def test_a_torch_module_with_predict_is_asked_by_it(gradients):
             raise AssertionError
 
     np.testing.assert_array_equal(asked(Learned()), HISTORY[:, 0, 1:4])
+
+
+class Named(Policy):
+    """A policy of a user, with a name or without."""
+
+    kind: Literal["own"] = "own"
+
+    def decide(self, observed):
+        return Decision(np.zeros((len(observed.step), 3)), observed.memory)
+
+
+def test_a_policy_of_a_user_keeps_its_name_in_an_experiment():
+    """As it does where it is evaluated; a name beside it comes first, and a base has none."""
+    blocks = [Named(name="one"), {"kind": "custom", "target": Named(name="one"), "name": "two"}, Named()]
+    made = ibdata.Experiment(name="x", setpoints=70, policies=blocks)
+    assert list(made.labels) == ["one", "two", "named"]
+    assert list(ibdata.Experiment(**made.model_dump()).labels) == ["one", "two", "named"]
+    within = {"kind": "epsilon_greedy", "base": Named(name="one"), "epsilon": 0.1}
+    with pytest.raises(ibdata.IbdataError, match="found a name in the base, expected the name beside"):
+        ibdata.Experiment(name="x", setpoints=70, policies=[within])
+
+
+@pytest.mark.parametrize("episodes", [1, 3])
+def test_a_deviation_for_each_episode_has_a_column(episodes):
+    """One of shape (n,) is refused, however many episodes there are, before it acts in any."""
+
+    class Noisy:
+        needs = Needs(step_draws=3)
+
+        def __init__(self, *columns):
+            self.columns = columns
+
+        def decide(self, observed):
+            n = len(observed.step)
+            return Decision(
+                ClippedNormal(np.zeros((n, 3)), np.full((n, *self.columns), 0.1)), observed.memory
+            )
+
+    ibdata.evaluate(Noisy(1), episodes=episodes, steps=2)
+    with pytest.raises(PolicyError, match=r"found deviations of shape \(32,\), expected a number, \(n, 1\)"):
+        ibdata.evaluate(Noisy(), episodes=episodes, steps=2)

@@ -54,6 +54,23 @@ def test_noise_is_normal_and_independent():
     assert not (measured({**given, "seed": 6}, 0, clean)[0][:, :2] == first[:, :2]).any()
 
 
+def test_its_numbers_are_those_of_all_versions():
+    """Also beside a variable that the table of variables does not have yet, whose numbers are its own."""
+    columns = ("latent_theta_9", "latent_later", *COLUMNS[1:])
+    given = {"noise": dict.fromkeys([*columns, "latent_latest"], 1.0), "seed": 5}
+    seen, _ = imperfections_of(given).of(columns).episode(np.zeros((2, 4), dtype=np.float32), 7)
+    assert seen[:, [0, 2, 3]].tolist() == [
+        [-0.21604406833648682, -2.24025297164917, 0.6631895303726196],
+        [0.671513557434082, -1.9204275608062744, 0.4814491271972656],
+    ]
+    later, other = (
+        imperfections_of(given).of((f"latent_{name}",)).episode(np.zeros((2, 1), dtype=np.float32), 7)[0]
+        for name in ("later", "latest")
+    )
+    assert later.ravel().tolist() == seen[:, 1].tolist()
+    assert not np.isin(later, [*seen[:, [0, 2, 3]].ravel(), *other.ravel()]).any()
+
+
 def test_a_missing_value_is_the_last_that_arrived():
     seen, lost = measured({"missing": {"obs_fatigue": 0.4}})
     assert not lost[0].any()

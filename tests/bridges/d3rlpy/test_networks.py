@@ -149,6 +149,18 @@ def test_the_scaler_of_d3rlpy_is_taken_over(file, history, constant):
     check_same(saved(file, model), seen, model.predict(seen.reshape(len(seen), -1)))
 
 
+def test_a_scaler_that_saw_one_setpoint_is_said(file, capsys):
+    """By d3rlpy's own divisor of a constant, where it is evaluated and where it is saved."""
+    scaler = StandardObservationScaler(mean=np.tile([50.0, *MEAN[1:]], 3), std=np.tile([0.0, *STD[1:]], 3))
+    model = of_d3rlpy("BC", observation_scaler=scaler)
+    few = {"history": FRAMES, "episodes": 2, "steps": 2}
+    assert ibdata.evaluate(model, 50, **few).notes == []
+    note = ibdata.evaluate(model, 75, **few).notes[-1]
+    assert note.startswith("bc: setpoint 75: up to 2.5e+04 standard deviations from 50, the mean in its scal")
+    saved(file, model)
+    assert "setpoint 49: up to 1e+03 standard deviations from 50" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("activation", "ends"), [(torch.nn.ReLU, []), (torch.nn.Tanh, [torch.nn.Tanh()])], ids=["clipped", "tanh"]
 )

@@ -194,6 +194,8 @@ def test_a_scaling_that_stayed_behind_is_said(tmp_path):
     [note] = lost.notes
     assert note.startswith("ppo: the model has no environment, so it is given observations as they are; ")
     assert (own.returns != lost.returns).all()
+    with pytest.raises(UsageError, match=r"^model: found no environment, which keeps VecNormalize"):
+        ibdata.save_network(tmp_path / "actor.safetensors", loaded)
     [policy] = ibdata.evaluate(model.policy, **few).notes
     assert policy.startswith("actorcriticpolicy: the policy of a model has no environment, so")
     loaded.set_env(env)
