@@ -243,6 +243,8 @@ def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
         return None
     header, digests, returns, mean, squares, low, high, sample = (np.load(file) for _ in range(8))
     known = json.loads(header.tobytes())
+    if not known["file"][0].startswith(shard.stem):  # that of another shard
+        return None
     moments = Moments(known["rows"], mean, squares, low, high)
     summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
     return WrittenShard(shard, FileEntry(*known["file"]), summary)
