@@ -146,10 +146,10 @@ class Build:
                 yield
             except Interrupted as error:
                 if done := self.finished:
-                    error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; "
-                    error.left += "the same command goes on"
+                    how = "the same command goes on"
                     if live_objects(self.spec):
-                        error.left = "with an object of this session as a policy, a run begins again"
+                        how = "with an object of this session as a policy, a run begins again"
+                    error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; {how}"
                 raise
 
     def _folder(self, number: int) -> Path:
@@ -161,8 +161,8 @@ class Build:
         """Find the folder of this run, or begin it where none is, or none with which it can go on."""
         for number in count():
             self.run = self._folder(number)
-            if not self.run.exists():
-                self._make_folder()
+            if not self.run.exists() and self._make_folder():
+                break
             begun = Record.read(self.run)
             if begun is None or begun.makes() != self._record.makes():
                 continue  # its note is damaged
@@ -183,11 +183,8 @@ class Build:
                     "published here"
                 )
 
-    def _make_folder(self) -> None:
-        """Fill the folder of this run under another name.
-
-        So of hosts that begin at the same moment one gives it its name, and the others find it.
-        """
+    def _make_folder(self) -> bool:
+        """Fill the folder of this run under another name, and rename it; False if another host was faster."""
         new = self._part.folder / f"tmp-{secrets.token_hex(8)}"
         for folder in (new, new / DATASET, new / RECEIPTS):
             folder.mkdir()
@@ -198,6 +195,8 @@ class Build:
             remove(new)
             if not self.run.exists():
                 raise
+            return False
+        return True
 
     @property
     def finished(self) -> int:

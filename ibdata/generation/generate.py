@@ -277,5 +277,5 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
             f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
         )
     dataset = Dataset(place)
-    refuse_damage(dataset.stored.manifest, partial(size_in, place), place)
+    refuse_damage(dataset.stored.manifest, partial(size_in, dataset.path), place)
     return dataset

@@ -137,9 +137,7 @@ def existing_paths(folder: Path) -> list[Path]:
 
 
 def _last_change(run: Path) -> int:
-    with suppress(OSError):
-        return (run / RECEIPTS).stat().st_mtime_ns
-    return 0
+    return (run / RECEIPTS).stat().st_mtime_ns if existing_paths(run / RECEIPTS) else 0
 
 
 def resolved(out: str | os.PathLike[str]) -> Path:
