@@ -53,7 +53,7 @@ def generate(
     """Generate the dataset of an experiment, or of each experiment in a folder, and open it.
 
     The content depends on the experiment only, not on workers, shards or engine. A dataset of the same
-    experiment that is finished already is only opened. A run that was stopped goes on where it was.
+    experiment that is finished already is only opened. The same call goes on with a run that was stopped.
 
     Args:
         config: A YAML file, the name of a shipped experiment, a mapping with the keys of such a file, an
