@@ -150,8 +150,7 @@ def test_an_error_of_a_worker_reaches_the_caller(own):
 def test_a_worker_that_gets_what_cannot_be_unpickled_ends():
     with closing(Worker(DatasetSpec.of(TINY))) as worker:
         worker._pipe.send_bytes(b"junk")
-        with pytest.raises(IbdataError, match=r"^a worker process ended with code 1, "):
-            worker.call(print)
+        assert worker._process.wait(timeout=60) == 1
 
 
 RUN = "import ibdata; ibdata.generate('own.yaml', 'out', workers=2, allow_code=True)"
