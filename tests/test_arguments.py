@@ -163,9 +163,7 @@ def made(number, out):
 NUMBERS = {
     "generate": lambda number, ds, out: made(number, out),
     "load": lambda number, ds, out: ibdata.load(EXPERIMENT, seed=number(3)),
-    "estimate": lambda number, ds, out: ibdata.estimate(EXPERIMENT, out, workers=number(1), seed=number(2))[
-        "rows"
-    ],
+    "estimate": lambda number, ds, out: ibdata.estimate(EXPERIMENT, out, seed=number(2))["rows"],
     "evaluate": lambda number, ds, out: (
         ibdata.evaluate(
             zero,

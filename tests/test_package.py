@@ -120,7 +120,7 @@ def test_an_option_in_a_message_exists_in_both_interfaces():
         if path.relative_to(package).parts[0] not in ("cli", "errors.py", "plots"):
             for text in re.findall(r'"(.*)"', path.read_text(encoding="utf-8")):
                 found |= {option["name"] for option in OPTION.finditer(text)} - {None}
-    assert {"out", "overwrite", "resume", "shards"} <= found <= options
+    assert {"out", "overwrite", "shards"} <= found <= options
     of_views = {field.name for field in dataclasses.fields(ViewOptions)}
     allowed = {*keywords, *of_views, "name"}  # the name of `split`, where it is names
     assert {name.replace("-", "_") for name in found} <= allowed

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
-from ibdata.errors import BusyError, DatasetError, IbdataError, Interrupted, UsageError, notice
+from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, notice
 from ibdata.experiment import as_yaml
 from ibdata.experiment.code import changed_here, live_objects, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -28,8 +28,8 @@ from ibdata.generation.record import Record
 from ibdata.numerics.naming import counted
 from ibdata.policies.live import without_runs
 from ibdata.system.files import keep_access, part_of, paths_in, remove, sync_all
-from ibdata.system.part import OLD, RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
-from ibdata.system.signals import held, ignore
+from ibdata.system.part import RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
+from ibdata.system.signals import ignore
 from ibdata.writing.edited import EDITABLE, is_users, keep_all
 from ibdata.writing.finish import finish
 from ibdata.writing.shard import DATASET, WrittenShard, all_written, has_size, is_whole, read_receipt
@@ -70,20 +70,12 @@ class Build:
         return None
 
     def is_there(self) -> bool:
-        """Whether the dataset is there, so that nothing is to be made.
+        """Whether the dataset is there, so that nothing is to be made. Nothing is written.
 
         Raises:
             UsageError: No dataset can appear here, or there is something else, or it was made by other code.
             DatasetError: The dataset is damaged.
         """
-        if not self._is_there():
-            return False
-        if self._part.folder.exists():  # perhaps of a run that was killed after it had published
-            with suppress(IbdataError), locked_part(self._path) as self._part:
-                self._recover()
-        return True
-
-    def _is_there(self) -> bool:
         with refusals(self.name):
             _refuse_place(self._path, self.name)
             if not existing_paths(self._path):
@@ -113,10 +105,24 @@ class Build:
     def finished_shards(self) -> int:
         """How many shards the part has of this dataset, whatever code made them."""
         mine = Record.of(self.spec, code=[], reproducible=False)
-        runs = [
-            run for run in self._part.runs if (begun := Record.read(run)) and begun.makes() == mine.makes()
-        ]
+        runs = [run for run, begun in self._runs() if begun is not None and begun.makes() == mine.makes()]
         return max((len(existing_paths(run / RECEIPTS)) for run in runs), default=0)
+
+    def _runs(self) -> list[tuple[Path, Record | None]]:
+        """The runs in the part and their records, which may be damaged; the last is that worked on last."""
+        return [(run, Record.read(run)) for run in self._part.runs]
+
+    def tidy(self) -> None:
+        """Remove what a killed run has published, or begun in vain, unless somebody is at work here."""
+        if self._part.folder.exists():
+            with suppress(IbdataError), locked_part(self._path) as self._part:
+                self._tidy()
+
+    def _tidy(self) -> None:
+        there = _checksum(self._path)
+        published = there is not None and any(run and run.manifest == there for _, run in self._runs())
+        if published or not self._part.receipts:
+            self._part.clear()
 
     @contextmanager
     def open(self, record: Record, shared: bool = False) -> Iterator[None]:
@@ -127,93 +133,75 @@ class Build:
             UsageError: The part is shared, and others make this dataset with other code or other bits.
         """
         self._record = record
+        if shared:
+            self.tidy()
         with locked_part(self._path, self.name, shared=shared) as self._part:
+            self.run = self._folder(0)
             try:
-                if not shared or self._is_publishing():
-                    self._recover_alone(shared)
-                self._is_made = self._is_there()
+                if not shared:
+                    self._tidy()
+                self._is_made = self.is_there()
                 if not self._is_made:
-                    self.run = self._begun(shared)
+                    self._begin(shared)
                 yield
             except Interrupted as error:
-                if done := len(self._part.receipts):
-                    error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; "
-                    error.left += "the same command goes on"
+                if done := self.finished:
+                    how = "the same command goes on"
                     if live_objects(self.spec):
-                        error.left = "with an object of this session as a policy, a run begins again"
+                        how = "with an object of this session as a policy, a run begins again"
+                    error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; {how}"
                 raise
 
-    def _is_publishing(self) -> bool:
-        records = map(Record.read, self._part.runs)
-        return any(record is not None and record.manifest is not None for record in records)
-
-    def _recover_alone(self, shared: bool) -> None:
-        if not shared or self._part.lock.take_alone():
-            self._recover()
-        if shared and not self._part.lock.share():
-            raise BusyError(f"{self.name}: another process is writing here; wait for it")
-        if not shared and not self._part.receipts:
-            self._part.clear()  # what hosts have begun and not used
-
-    def _recover(self) -> None:
-        """Finish what a killed run was publishing, and remove what it has published."""
-        part = self._part
-        for run in part.runs:
-            record = Record.read(run)
-            if record is None or record.manifest is None:
-                continue
-            if not self._path.exists() and _checksum(run / DATASET) == record.manifest:
-                with held():
-                    part.place(run / DATASET)
-            if _checksum(self._path) == record.manifest:
-                part.clear()
-                return
-        if (part.folder / OLD).exists() and not self._path.exists():
-            (part.folder / OLD).rename(self._path)
-
-    def _begun(self, shared: bool) -> Path:
-        """The folder of this run, which is begun if there is none with which it can go on."""
-        others = []
-        for run in self._part.runs:
-            begun, receipts = Record.read(run), existing_paths(run / RECEIPTS)
-            difference = begun and begun.difference(self._record)
-            if begun and difference and receipts:
-                if shared and begun.makes() == self._record.makes():
-                    raise UsageError(
-                        f"{self.name}: holds an unfinished run {difference}; run without --shards to make "
-                        "the dataset with what is here, or choose another --out"
-                    )
-                done = counted(len(receipts), "finished shard")
-                others.append(f"{self.name}: an unfinished run {difference} stays in {run}, with {done}")
-        names = (self._folder_name(number) for number in count())
-        run = next(self._part.folder / name for name in names if self._is_own(self._part.folder / name))
-        for other in others:
-            notice(f"{other}, until a dataset is published here")
-        return run
-
-    def _folder_name(self, number: int) -> str:
+    def _folder(self, number: int) -> Path:
+        """The folder of this run, if others have those with lower numbers."""
         content = json.dumps([number, *self._record.makes()], sort_keys=True)
-        return hashlib.sha256(content.encode()).hexdigest()[:16]
+        return self._part.folder / hashlib.sha256(content.encode()).hexdigest()[:16]
 
-    def _is_own(self, run: Path) -> bool:
-        """Whether a folder is that of this run; it is begun where nothing is.
+    def _begin(self, shared: bool) -> None:
+        """Find the folder of this run, or begin it where none is, or none with which it can go on."""
+        for number in count():
+            self.run = self._folder(number)
+            if not self.run.exists() and self._make_folder():
+                break
+            begun = Record.read(self.run)
+            if begun is None or begun.makes() != self._record.makes():
+                continue  # its note is damaged
+            difference = begun.difference(self._record)
+            if difference is None:
+                break
+            if shared:
+                raise UsageError(
+                    f"{self.name}: holds an unfinished run {difference}; run without --shards to make the "
+                    "dataset with what is here, or choose another --out"
+                )
+        for run, other in self._runs():
+            done = counted(len(existing_paths(run / RECEIPTS)), "finished shard")
+            if run != self.run and done[0] != "0":
+                what = other.difference(self._record) if other else "whose note is damaged"
+                notice(
+                    f"{self.name}: an unfinished run {what} stays in {run}, with {done}, until a dataset is "
+                    "published here"
+                )
 
-        It is filled under another name. So of hosts that begin at the same moment one gives it its name, and
-        the others find it.
-        """
-        if not run.exists():
-            new = self._part.folder / f"tmp-{secrets.token_hex(8)}"
-            for folder in (new, new / DATASET, new / RECEIPTS):
-                folder.mkdir()
-            self._record.write(new)
-            try:
-                new.rename(run)
-            except OSError:
-                remove(new)
-                if not run.exists():
-                    raise
-        begun = Record.read(run)
-        return begun is not None and begun.difference(self._record) is None
+    def _make_folder(self) -> bool:
+        """Fill the folder of this run under another name, and rename it; False if another host was faster."""
+        new = self._part.folder / f"tmp-{secrets.token_hex(8)}"
+        for folder in (new, new / DATASET, new / RECEIPTS):
+            folder.mkdir()
+        self._record.write(new)
+        try:
+            new.rename(self.run)
+        except OSError:
+            remove(new)
+            if not self.run.exists():
+                raise
+            return False
+        return True
+
+    @property
+    def finished(self) -> int:
+        """How many shards of the run that is open are finished; their files are not looked at."""
+        return len(self.spec.shards) if self._is_made else len(existing_paths(self.run / RECEIPTS))
 
     def missing(self, shards: Sequence[Shard] | None = None) -> list[Shard]:
         """The shards, of all or of these, without a receipt, or whose files are not as their receipts say."""
@@ -228,7 +216,7 @@ class Build:
         """Write the metadata, and give the dataset its name, in place of what is there.
 
         The note of the run first gets the checksum of the manifest. So whoever holds the part next can tell
-        whether this was done, and does it where it was not.
+        whether this was done.
 
         Raises IbdataError if a shard has no receipt that fits its file.
         """
@@ -242,13 +230,13 @@ class Build:
             if f"data/{file.name}" not in paths:  # of a shard that was made twice
                 file.unlink()
         finish(self.spec, written, folder, record.reproducible, record.code, record.clipped)
-        self._is_there()  # somebody may have put files there meanwhile
-        if self._path.is_dir():
-            _keep(self._path, folder)
-        sync_all(folder)
-        record.model_copy(update={"manifest": _checksum(folder)}).write(self.run)
-        ignore()  # a run that has published is finished, and not stopped
-        self._part.place(folder)
+        if not self.is_there():  # somebody may have put files there meanwhile
+            if self._path.is_dir():
+                _keep(self._path, folder)
+            sync_all(folder)
+            record.model_copy(update={"manifest": _checksum(folder)}).write(self.run)
+            ignore()  # a run that has published is finished, and not stopped
+            self._part.place(folder)
         self._part.clear()
 
 

@@ -53,7 +53,7 @@ def generate(
     """Generate the dataset of an experiment, or of each experiment in a folder, and open it.
 
     The content depends on the experiment only, not on workers, shards or engine. A dataset of the same
-    experiment that is finished already is only opened. A run that was stopped goes on where it was.
+    experiment that is finished already is only opened. The same call goes on with a run that was stopped.
 
     Args:
         config: A YAML file, the name of a shipped experiment, a mapping with the keys of such a file, an
@@ -140,13 +140,15 @@ def _generate_one(
     if isinstance(place, str):
         remote, work = Remote(place), upload.work_folder(place, experiment)
         if not upload.is_there(remote, spec, work, overwrite):
-            upload.drop_damaged(work)
-            build = Build(work, spec, overwrite=True, name=Path(remote.name))  # the folder is ibdata's own
-            _make(build, engine, progress)
+            upload.drop_damaged(work, spec)
+            build = Build(work, spec, name=Path(remote.name))
+            if not build.is_there():
+                _make(build, engine, progress)
             upload.upload(remote, work)
         return Dataset(place)
     build = Build(place, spec, overwrite=overwrite)
     if build.is_there():
+        build.tidy()
         notice(f"{place}: already there; nothing was written")
     else:
         _make(build, engine, progress)
@@ -245,7 +247,7 @@ def make_range(
             record = process.call(observe)  # for up to a minute, while other hosts need the lock
             with build.open(record, shared=True):
                 _make_shards(build, shards, process, engine, progress)
-                missing = len(build.missing())
+                missing = len(spec.shards) - build.finished
     return PartMade(place, len(shards), spec.rows_in(shards), missing, str(shard_range))
 
 
@@ -275,5 +277,5 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
             f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
         )
     dataset = Dataset(place)
-    refuse_damage(dataset.stored.manifest, partial(size_in, place), place)
+    refuse_damage(dataset.stored.manifest, partial(size_in, dataset.path), place)
     return dataset

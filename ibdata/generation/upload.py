@@ -14,7 +14,7 @@ from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation.build import refuse_damage, refuse_name, refuse_other
+from ibdata.generation.build import Build, refuse_damage, refuse_name, refuse_other
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.files import is_litter
 from ibdata.system.signals import check, stoppable
@@ -69,14 +69,17 @@ def _files(work: Path) -> set[str]:
     return {str(path.relative_to(work)) for path in work.rglob("*") if not is_litter(path.name)}
 
 
-def drop_damaged(work: Path) -> None:
-    """Remove a dataset that waits for its upload if it is no longer whole, so that it is made again."""
+def drop_damaged(work: Path, spec: DatasetSpec) -> None:
+    """Remove what waits for its upload unless it is whole, and made with the code that is here."""
     try:
-        entries, files = manifest.read(work).entries(), Storage(work)
-    except DatasetError:
-        return
-    is_whole = (work / manifest.SPLITS).is_file()
-    if not is_whole or any(files.entry(path) != entry for path, entry in entries.items()):
+        if not Build(work, spec).is_there():
+            return
+        files, listed = Storage(work), manifest.read(work)
+        entries = listed.entries().items()
+        is_whole = (work / manifest.SPLITS).is_file() and all(files.entry(p) == entry for p, entry in entries)
+    except IbdataError:
+        is_whole = False
+    if not is_whole:
         shutil.rmtree(work)
 
 

@@ -48,6 +48,7 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     """
     refuse_url(out)
     build = Build(out, spec, new=True)
+    build.tidy()
     build.is_there()
     manifests = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
     record = Record.of(

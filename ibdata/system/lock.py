@@ -25,12 +25,8 @@ class Lock:
     def __init__(self, path: Path, descriptor: int) -> None:
         self._path, self._descriptor = path, descriptor
 
-    def share(self) -> bool:
-        """Let others share the lock. Return whether this process still holds it."""
-        return _flock(self._path, self._descriptor, fcntl.LOCK_SH)
-
     def take_alone(self) -> bool:
-        """Try to hold the lock alone. If others share it, return False; then `share` before relying on it."""
+        """Try to hold the lock alone. If others share it, return False; then the lock is lost."""
         return _flock(self._path, self._descriptor, fcntl.LOCK_EX)
 
 

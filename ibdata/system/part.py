@@ -12,6 +12,7 @@ import errno
 import json
 import os
 import re
+import secrets
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -98,12 +99,23 @@ class Part:
         replaces = self.target.is_file() or (self.target.is_dir() and any(self.target.iterdir()))
         if not replaces or not exchanged(dataset, self.target):
             if replaces:
+                remove(self.folder / OLD)
                 self.target.rename(self.folder / OLD)  # readers find nothing for a moment
             dataset.rename(self.target)
         sync_folder(self.target.parent)
 
+    def restore(self) -> None:
+        """Put back what a process that failed had moved away to replace it."""
+        if os.path.lexists(self.folder / OLD):
+            with suppress(OSError):
+                self.target.rmdir()  # an empty folder
+            if not os.path.lexists(self.target):
+                (self.folder / OLD).rename(self.target)
+
     def clear(self) -> None:
-        """Remove all that is in it but the lock."""
+        """Remove all that is in it but the lock; each run at once, so that nobody goes on with its rest."""
+        for run in self.runs:
+            run.rename(self.folder / f"tmp-{secrets.token_hex(8)}")
         for path in self.folder.iterdir():
             if path.name != LOCK:
                 remove(path)
@@ -125,9 +137,7 @@ def existing_paths(folder: Path) -> list[Path]:
 
 
 def _last_change(run: Path) -> int:
-    with suppress(OSError):
-        return (run / RECEIPTS).stat().st_mtime_ns
-    return 0
+    return (run / RECEIPTS).stat().st_mtime_ns if existing_paths(run / RECEIPTS) else 0
 
 
 def resolved(out: str | os.PathLike[str]) -> Path:
@@ -162,15 +172,23 @@ def locked_part(
     with refusals(name), stoppable(), _made_parents(target), ExitStack() as stack:
         part.lock = _lock(stack, part, name, shared, patience)
         try:
+            if not shared:
+                part.restore()
             yield part
         finally:
-            if not part.receipts and part.lock.take_alone():
-                part.remove()
+            if part.lock.take_alone():
+                part.restore()
+                if not part.receipts:
+                    part.remove()
 
 
 def _lock(stack: ExitStack, part: Part, name: Path, shared: bool, patience: float) -> Lock:
     if not part.is_own:
         raise UsageError(f"{part.folder}: found what ibdata did not make, expected nothing; move it away")
+    if (part.folder / NOTE).exists():
+        raise UsageError(
+            f"{part.folder}: found an unfinished run of an older ibdata; finish it with that, or remove it"
+        )
     path = part.folder / LOCK
     try:
         return stack.enter_context(locked(path, max(patience, shared * PATIENCE), shared=shared, place=name))

@@ -99,7 +99,7 @@ def dataset(name: str, data: Path, steps: int | None = None) -> ibdata.Dataset:
     """The dataset of a shipped experiment, or the first steps of its episodes, without splits."""
     folder = data / (name.replace("/", "-") + (f"-{steps}-steps" if steps else ""))
     changes: dict[str, Any] = {"splits": {}, **({"steps": steps} if steps else {})}
-    generated: ibdata.Dataset = ibdata.generate(name, folder, overrides=changes, workers=1, resume=True)
+    generated: ibdata.Dataset = ibdata.generate(name, folder, overrides=changes, workers=1)
     return generated
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from helpers.datasets import FOUR_SHARDS
+from helpers.folders import run_of
 
 import ibdata
 
@@ -35,7 +36,7 @@ def test_datasets_of_every_state_are_listed(made, made_at, run):
     Path("damaged/meta/manifest.json").write_text("{}")
     ibdata.generate(FOUR_SHARDS, "x/begun", shards="1/4", workers=1)
     ibdata.generate(FOUR_SHARDS, "x/lost", shards="3/4", workers=1)
-    Path("x/.lost.part/experiment.yaml").unlink()
+    (run_of("x/lost") / "run.json").unlink()
     code, out, _ = run("ls")
     lines = [line.split() for line in out.splitlines()]
     assert code == 0
@@ -47,7 +48,7 @@ def test_datasets_of_every_state_are_listed(made, made_at, run):
     for words in (["info", "x/begun"], ["stats", "x/begun"]):
         code, _, err = run(*words)
         assert code == 3
-        assert "an unfinished run has 1 of 4 shards here, and the same command with --resume goes on" in err
+        assert "an unfinished run has 1 of 4 shards here, and the same command goes on" in err
     assert run("info", "data")[2].endswith("is missing; ibdata ls data lists the datasets in it\n")
 
 
@@ -102,7 +103,7 @@ def test_a_misspelt_word_is_answered_with_the_right_one(made, run, args, code, n
         (("generate", "siemens-offline/gl"), ["siemens-offline/global-100"]),
         (("evaluate", "saf"), ["safe"]),
         (("repr",), ["reproduce"]),
-        (("generate", "--res"), ["--resume"]),
+        (("generate", "--over"), ["--overwrite"]),
     ],
 )
 def test_the_shell_completes_names(made, run, monkeypatch, words, offered):

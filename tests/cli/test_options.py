@@ -54,26 +54,26 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     (f"stats $D {CHOICE}", SELECT, CHOSEN),
     ("finalize o", "ibdata.generation.generate.finalize", {"folder": "o"}),
     (
-        f"generate random --out o {CHANGES} {RUNNING} --resume",
+        f"generate random --out o {CHANGES} {RUNNING}",
         "ibdata.generation.generate.generate",
-        {"config": "random", "out": "o", "resume": True, "overwrite": False, "shards": None, **LOADED, **RUN},
+        {"config": "random", "out": "o", "overwrite": False, "shards": None, **LOADED, **RUN},
     ),
     (
         "generate --config safe --overwrite",
         "ibdata.generation.generate.generate",
-        {"config": "safe", "out": None, "resume": False, "overwrite": True, "workers": None, "seed": None,
+        {"config": "safe", "out": None, "overwrite": True, "workers": None, "seed": None,
          "overrides": (), "shards": None, "allow_code": False, "progress": None, "engine": "local",
          "address": None},
     ),
     (
         f"generate $S --out o {CHANGES} {RUNNING} --shards 1/2",
         "ibdata.generation.generate.generate",
-        {"config": SUITE, "out": "o", "resume": False, "overwrite": False, "shards": "1/2", **LOADED, **RUN},
+        {"config": SUITE, "out": "o", "overwrite": False, "shards": "1/2", **LOADED, **RUN},
     ),
     (
         f"generate $S --out o {CHANGES} --workers 3 --allow-code --resume --dry-run",
         "ibdata.generation.estimate.estimate",
-        {"config": SUITE, "out": "o", "resume": True, "overwrite": False, **LOADED, **PREVIEWED},
+        {"config": SUITE, "out": "o", "overwrite": False, **LOADED, "allow_code": True},
     ),
     (
         "head $D -n 3 --columns step,reward --split target",

@@ -114,7 +114,7 @@ def generated(answering, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("asked", [1, 2, 8, 1 + 4 * STEPS])
-def test_a_run_that_a_policy_ends_can_be_resumed(generated, asked):
+def test_a_run_that_a_policy_ends_goes_on(generated, asked):
     """The warm-up asks twice, and a shard once a step."""
 
     def answer(seen, u, call):
@@ -124,7 +124,7 @@ def test_a_run_that_a_policy_ends_can_be_resumed(generated, asked):
         generated(answer)
     assert not Path("out").exists()
     assert Path(".out.part").exists() == (asked >= 2 + STEPS)
-    made = generated(lambda seen, u, call: good(seen, u), resume=True)
+    made = generated(lambda seen, u, call: good(seen, u))
     assert made.manifest["rows"] == 4 * STEPS
     assert ibdata.validate("out") == []
     assert os.listdir() == ["out"]

@@ -40,8 +40,7 @@ def test_read_only_folders(forks, tools, open_folder):
         answer = forks.run(*args, user=user)
         assert answer.code == code, answer
         assert tools.one_line(answer.output), answer.output
-    for more in ([], ["--resume"]):
-        assert forks.run(*tools.args(config, old, *more), user=user).code == 0
+    assert forks.run(*tools.args(config, old), user=user).code == 0
     for args in (["card", old], ["repair", old], [*SPLIT, old]):
         answer = forks.run(*args, user=user)
         assert answer.code in (0, 1, 2), answer

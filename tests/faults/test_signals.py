@@ -63,7 +63,7 @@ def wrong_with(tools, ended, out, number):
 @pytest.mark.parametrize("group", [False, True], ids=["alone", "with its process group"])
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
 def test_a_signal_ends_a_run(tools, whole, number, group):
-    """At any moment; what is finished then can be resumed, and nothing is left where no shard is."""
+    """At any moment; what is finished then is gone on with, and nothing is left where no shard is."""
     wrong, early = [], tools.size(6, 50)
     for i in range(early + tools.size(4, 20)):
         out = tools.where / f"out-{i}"
@@ -71,7 +71,7 @@ def test_a_signal_ends_a_run(tools, whole, number, group):
         ended = send(tools, out, number, moment, "--workers", 1 + i % 3, group=group)
         wrong += [f"after {moment:.2f} s: {what}" for what in wrong_with(tools, ended, out, number)]
         if i == early or tools.full:
-            assert tools.generate(tools.many, out, "--resume").returncode == 0
+            assert tools.generate(tools.many, out).returncode == 0
             assert tools.root(out) == whole
             assert tools.leftovers(out) == []
     assert not wrong, "\n".join(wrong)

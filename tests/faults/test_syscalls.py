@@ -15,17 +15,16 @@ FAILURES = ("ENOSPC", "EIO", "full")  # full: from here on nothing more can be w
 
 
 class Case(NamedTuple):
-    """A command, what is there before it, and how it is run again."""
+    """A command, and what is there before it."""
 
     before: list[str]
     command: str
-    again: str = ""  # more options
     exchange: bool = True
 
 
 NEW = "generate {tiny} --out {base}/out --quiet --workers 1"
 CASES = {
-    "a new dataset": Case([], NEW, " --resume"),
+    "a new dataset": Case([], NEW),
     "a replacement": Case([NEW], f"{NEW} --seed 1 --overwrite"),
     "a replacement by two renames": Case([NEW], f"{NEW} --seed 1 --overwrite", exchange=False),
     "the last part of an array job": Case([f"{NEW} --shards 1/1"], "finalize {base}/out"),
@@ -125,7 +124,7 @@ class Play:
         if mode in FAILURES and left and not removes and not resumable:
             bad.append(f"left behind: {left}")
         if found != self.new or "--overwrite" in self.case.command:  # else nothing would be written
-            again = self.run(self.case.command + self.case.again)
+            again = self.run(self.case.command)
             if again.code or state(self.out) != self.new or self.tools.leftovers(self.out):
                 left = self.tools.leftovers(self.out)
                 bad.append(f"run again: {again}, {state(self.out)}, left: {left}")

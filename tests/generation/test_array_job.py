@@ -1,10 +1,14 @@
 """Array jobs: several hosts make one dataset in one part, and one finishes it."""
 
+import re
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from helpers.datasets import TEN_SHARDS as TEN
-from helpers.folders import contents, is_right, part_of
+from helpers.folders import contents, is_right, part_of, run_of
 
 import ibdata
 from ibdata import IbdataError
@@ -13,8 +17,11 @@ from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import self_check
 from ibdata.experiment.plan import plan
 from ibdata.generation import workers
-from ibdata.generation.generate import Range
+from ibdata.generation.build import Build
+from ibdata.generation.generate import PartMade, Range
+from ibdata.maintenance.listing import datasets_in
 from ibdata.system import part as parts
+from ibdata.system.part import Part
 
 
 @pytest.fixture(autouse=True)
@@ -106,7 +113,7 @@ def test_ranges_that_meet_in_a_shard_both_succeed(plain, files, interleaved, fir
     (other,) = others
     assert {one.shards, other.shards} == {len(Range.parse(text).of(plan(TEN))) for text in (first, second)}
     make("2/2")
-    assert len(list((part_of("out") / "dataset/data").iterdir())) > 10
+    assert len(list((run_of("out") / "dataset/data").iterdir())) > 10
     assert ibdata.finalize("out").content_root == plain.content_root
     assert is_right("out", plain.path, files)
     assert ibdata.validate("out") == []
@@ -114,16 +121,74 @@ def test_ranges_that_meet_in_a_shard_both_succeed(plain, files, interleaved, fir
 
 def test_missing_and_damaged_shards_are_named(shard_file):
     make("1/3")
-    Path(part_of("out"), "dataset", shard_file(part_of("out") / "dataset", 1)).write_bytes(b"damaged")
+    folder = run_of("out") / "dataset"
+    (folder / shard_file(folder, 1)).write_bytes(b"damaged")
     before = contents()
     with pytest.raises(
         IbdataError,
-        match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; run again with",
+        match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; run the same",
     ) as error:
         ibdata.finalize("out")
     assert (error.value.exit_code, contents()) == (1, before)
     make("1/3", "2/3", "3/3")
     assert ibdata.validate(ibdata.finalize("out").path) == []
+
+
+@pytest.fixture
+def together(monkeypatch):
+    """A function that makes ranges in threads, which fill the folders of their runs at the same moment."""
+    barrier, real = threading.Barrier(2), Build._make_folder
+
+    def making(build):
+        with suppress(threading.BrokenBarrierError):
+            barrier.wait(5)
+        return real(build)
+
+    monkeypatch.setattr(Build, "_make_folder", making)
+
+    def make_all(*experiments):
+        with ThreadPoolExecutor(len(experiments)) as threads:
+            calls = [
+                threads.submit(ibdata.generate, experiment, "out", shards=f"{i}/2", workers=1)
+                for i, experiment in enumerate(experiments, 1)
+            ]
+        return [call.exception() or call.result() for call in calls]
+
+    return make_all
+
+
+def test_hosts_that_begin_at_the_same_moment_make_one_run(plain, files, together):
+    assert [made.shards for made in together(TEN, TEN)] == [5, 5]
+    assert len(Part(Path("out")).runs) == 1
+    assert not list(part_of("out").glob("tmp-*"))
+    assert ibdata.finalize("out").content_root == plain.content_root
+    assert is_right("out", plain.path, files)
+
+
+def test_of_hosts_with_other_bits_that_begin_at_the_same_moment_one_is_refused(together, monkeypatch):
+    answers = iter(["0" * 64, "1" * 64])
+    monkeypatch.setattr(self_check, "answer", lambda: next(answers))
+    monkeypatch.setattr(self_check, "is_right", lambda answer: True)
+    refused, made = sorted(together(TEN, TEN), key=lambda answer: isinstance(answer, PartMade))
+    assert str(refused).startswith("out: holds an unfinished run of a machine that computes other bits; run")
+    assert (made.shards, len(Part(Path("out")).runs)) == (5, 1)
+
+
+def test_two_array_jobs_of_different_experiments_share_a_part(plain, files, together, capsys):
+    """The one that is finalized is that worked on last; it removes the other."""
+    other = TEN.model_copy(update={"seed": 1})
+    assert [made.missing for made in together(other, TEN)] == [5, 5]
+    listed = [(each.path.name, each.state) for each in datasets_in(".")]
+    assert listed == [("out", "unfinished, 5 of 10 shards")] * 2
+    capsys.readouterr()
+    make("1/2")
+    assert ibdata.finalize("out").content_root == plain.content_root
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 2
+    assert all(": an unfinished run of another experiment stays in " in line for line in said)
+    assert is_right("out", plain.path, files)
+    with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment"):
+        ibdata.generate(other, "out", shards="2/2", workers=1)
 
 
 def test_a_machine_with_other_bits_is_refused(monkeypatch, capsys):
@@ -134,14 +199,35 @@ def test_a_machine_with_other_bits_is_refused(monkeypatch, capsys):
     assert capsys.readouterr().err.count("the manifest says reproducible: false") == 1
     with pytest.raises(UsageError, match=r"^out: holds an unfinished run of a machine that computes other"):
         make("2/2")
-    monkeypatch.setattr(self_check, *change)
+    assert len(ibdata.generate(TEN, "out", workers=1)) == 50
+    beside = (
+        r"^ibdata: out: an unfinished run of a machine that computes other bits stays in .*/[0-9a-f]{16}, "
+    )
+    assert re.match(
+        beside + "with 5 finished shards, until a dataset is published here\n$", capsys.readouterr().err
+    )
+
+
+def test_what_another_machine_has_begun_is_finished_there(monkeypatch):
+    monkeypatch.setattr(self_check, "digest", lambda run: b"0" * 32)
+    make("1/2")
     make("2/2")
     assert ibdata.finalize("out").manifest["reproducible"] is False
 
 
+def test_a_run_of_a_killed_host_without_a_shard_is_not_in_the_way(monkeypatch):
+    with monkeypatch.context() as other:
+        other.setattr(self_check, "digest", lambda run: b"0" * 32)
+        make("1/2")
+    for receipt in Part(Path("out")).receipts:
+        receipt.unlink()
+    make("2/2")
+    assert len(Part(Path("out")).runs) == 1
+
+
 def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):
     monkeypatch.setattr(parts, "PATIENCE", 0.05)
-    wholes = [lambda: ibdata.generate(TEN, "out", workers=1, resume=True), lambda: ibdata.finalize("out")]
+    wholes = [lambda: ibdata.generate(TEN, "out", workers=1), lambda: ibdata.finalize("out")]
 
     def excluded(*calls):
         for call in calls:
@@ -151,4 +237,4 @@ def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):
     interleaved(lambda: excluded(*wholes), after=True)
     make("1/2")
     interleaved(lambda: excluded(lambda: make("1/2"), *wholes), after=False)
-    assert len(ibdata.generate(TEN, "out", workers=1, resume=True)) == 50
+    assert len(ibdata.generate(TEN, "out", workers=1)) == 50

@@ -41,5 +41,5 @@ def test_an_error_leaves_finished_shards_or_nothing(monkeypatch, files, tiny, er
             ibdata.generate(TINY, "a/b", workers=1)
     assert len(receipts("a/b")) == shards
     assert bool(contents()) == bool(shards)
-    ibdata.generate(TINY, "a/b", workers=1, resume=True)
+    ibdata.generate(TINY, "a/b", workers=1)
     assert is_right("a/b", tiny[0].path, files)

@@ -59,7 +59,6 @@ WORKERS = "workers: found {}, expected a whole number in [1, 1024]"
         (TINY, {"address": "auto"}, "address: found 'auto', which is only for the engine ray"),
         (TINY, {"seed": -1}, "seed: found -1"),
         ("random", {"seed": -1}, "seed: found -1"),
-        (TINY, {"resume": True, "overwrite": True}, "--resume and --overwrite exclude each other"),
     ],
 )
 @pytest.mark.parametrize("shards", [None, "1/2"])
@@ -117,12 +116,11 @@ def test_a_shipped_set_is_split_by_episode(name, episodes):
     assert (plain.splits, plain.content_root) == ({}, made.content_root)
 
 
-@pytest.mark.parametrize("resume", [False, True])
-def test_each_experiment_is_made_as_alone(two, resume):
+def test_each_experiment_is_made_as_alone(two):
     """One that is there already is not made again."""
     alone = ibdata.generate(two / "b.yaml", "alone", workers=1, seed=3)
     done = ibdata.generate(two / "a.yaml", "out/a", workers=1, seed=3)
-    made = ibdata.generate(two, "out", workers=1, seed=3, resume=resume)
+    made = ibdata.generate(two, "out", workers=1, seed=3)
     assert list(made) == ["a", "b"]
     assert made["a"].manifest == done.manifest
     assert (made["b"].place, made["b"].content_root) == ("out/b", alone.content_root)
@@ -152,7 +150,6 @@ def described(**changes):
 
 CASES = {
     "shards": ({"output": {"shard_rows": 5000, "dtype": "float64"}}, 0.1),
-    "two": ({"policies": ["constant", "random"], "episodes": 50}, 0.2),  # constant takes half
     "short": ({"setpoints": {"drifting": [10, 50]}, "steps": 7, "episodes": 800, "start": "uniform"}, 0.1),
 }
 
@@ -161,7 +158,7 @@ CASES = {
 def test_the_bytes_are_close_to_those_made(changes, share):
     """And the counts are exact."""
     experiment = described(**changes)
-    guessed = estimate(experiment, Path("made"), workers=1)
+    guessed = estimate(experiment, Path("made"))
     made = ibdata.generate(experiment, "made", workers=1)
     size = sum(path.stat().st_size for path in (made.path / "data").iterdir())
     assert guessed["bytes"] == pytest.approx(size, rel=share)
@@ -170,8 +167,11 @@ def test_the_bytes_are_close_to_those_made(changes, share):
 
 
 def test_a_huge_run_is_estimated_at_once():
-    """Of a sample: to make it would take a year."""
-    guessed = estimate(described(episodes=10**9, output={"shard_rows": 10**8}), "s3://nowhere/x", workers=1)
-    assert (guessed["rows"], guessed["out"], guessed["action"]) == (2 * 10**12, "s3://nowhere/x", None)
+    """To make it would take a year."""
+    guessed = estimate(described(episodes=10**9, output={"shard_rows": 10**8}), "s3://nowhere/x")
+    assert (guessed["rows"], guessed["out"], guessed["action"]) == (
+        2 * 10**12,
+        "s3://nowhere/x",
+        "make it here and upload it",
+    )
     assert guessed["bytes"] > 10**13
-    assert guessed["seconds"] > 10**5

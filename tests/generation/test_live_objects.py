@@ -27,7 +27,7 @@ def plain():
 
 
 def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
-    monkeypatch.setattr("ibdata.generation.job.finish", Mock(side_effect=Interrupted(2)))
+    monkeypatch.setattr("ibdata.generation.build.finish", Mock(side_effect=Interrupted(2)))
     with pytest.raises(Interrupted, match=r"1 shard is finished; with an object of .*, a run begins again$"):
         ibdata.generate(plain, "out")
 
@@ -56,7 +56,6 @@ def without_a_shard(plain):
     "call",
     [
         lambda plain: ibdata.reproduce("out", allow_code=True),
-        lambda plain: ibdata.generate(plain, "other", resume=True),
         lambda plain: ibdata.generate(plain, "other", shards="1/2"),
         lambda plain: ibdata.generate("out/meta/experiment.yaml", "other"),
         without_a_shard,

@@ -1,15 +1,17 @@
 """Datasets of networks carry the weights, and need nothing else to be made and checked again."""
 
 import shutil
+from pathlib import Path
 
 import pytest
 from helpers import networks
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError
+from ibdata.errors import DatasetError
 from ibdata.policies import weights_file
 from ibdata.system.files import file_sha256
+from ibdata.system.part import Part
 
 YAML = """
 name: learned
@@ -77,10 +79,12 @@ def test_a_run_goes_on_with_its_own_weights_only(learned):
     file = learned.parent / "actor.safetensors"
     file.rename(learned.parent / "moved.safetensors")
     file.write_bytes(networks.weights(seed=1))
-    with pytest.raises(IbdataError, match="unfinished run of another experiment"):
-        ibdata.generate(learned, "made", workers=1, resume=True)
+    ibdata.generate(learned, "made", shards="1/2", workers=1)
+    assert len(Part(Path("made")).runs) == 2
     moved = ["policies.0.file=moved.safetensors", "policies.1.base.file=moved.safetensors"]
-    made = ibdata.generate(learned, "made", workers=1, resume=True, overrides=moved)
+    kept = {path.name for path in Path(".made.part").glob("*/dataset/data/*")}
+    made = ibdata.generate(learned, "made", workers=1, overrides=moved)
+    assert len(kept & {path.name for path in (made.path / "data").iterdir()}) == 2
     assert ibdata.validate(made.path) == []
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import python
+from helpers.folders import run_of
 from helpers.own_code import PLAIN, POLICY, generate, sha256, stopped
 
 import ibdata
@@ -30,17 +31,24 @@ def whole(here):
     ("path", "named"),
     [("mine.py", "mine:Own"), *((path, path) for path in ("helper.py", "lazy.py", "weights.txt"))],
 )
-def test_a_run_is_resumed_with_the_same_code_only(here, path, named):
+def test_a_run_goes_on_with_the_same_code_only(here, path, named, capsys):
     stopped()
+    kept = run_of("out")
     was = (here / path).read_bytes()
     (here / path).write_bytes(was + b"\n")
     before = sorted(Path(".out.part").rglob("*"))
-    line = f"^out: holds an unfinished run with other code, in {named}; --overwrite to start again, or choose"
+    line = f"^out: holds an unfinished run with other code, in {named}; run without --shards to make the dat"
     with pytest.raises(UsageError, match=line):
-        generate(resume=True)
+        generate(shards="1/2")
     assert sorted(Path(".out.part").rglob("*")) == before
+    Path("at-70-stop.py").write_text("raise RuntimeError('stopped')")
+    stopped(others=2)
+    notice = f"out: an unfinished run with other code, in {named} stays in {kept.resolve()}, with 2 finished"
+    assert notice in capsys.readouterr().err
     (here / path).write_bytes(was)
-    assert generate(resume=True).content_root == generate("whole").content_root
+    shards = {path.name for path in kept.glob("dataset/data/*")}
+    assert generate().content_root == generate("whole").content_root
+    assert shards < {path.name for path in Path("out/data").iterdir()}
 
 
 def test_a_helper_is_imported_as_it_is_now_and_not_here(whole):
@@ -70,13 +78,12 @@ def test_declared_files_lie_beside_the_yaml_or_here(whole):
 def test_another_version_of_an_installed_library_is_refused(here):
     (here / "lazy.py").write_text("from scipy import special\nSIGN = -1.0")
     stopped()
-    path = Path(".out.part/run.json")
-    note = json.loads(path.read_bytes())
-    assert note["code"][0]["distributions"].keys() == {"numba", "numpy", "scipy"}
-    note["code"][0]["distributions"]["scipy"] = "0.0.1"
-    path.write_text(json.dumps(note))
+    note = Record.read(run_of("out"))
+    assert note.code[0].distributions.keys() == {"numba", "numpy", "scipy"}
+    note.code[0].distributions["scipy"] = "0.0.1"
+    note.write(run_of("out"))
     with pytest.raises(UsageError, match="with other code, in the version of scipy;"):
-        generate(resume=True)
+        generate(shards="1/2")
 
 
 @pytest.mark.parametrize(
@@ -91,8 +98,8 @@ def test_another_version_of_an_installed_library_is_refused(here):
     ids=["code", "bits"],
 )
 def test_a_worker_with_other_code_or_bits_is_refused(whole, monkeypatch, noted, line):
-    begin = Record.begin
-    monkeypatch.setattr(Record, "begin", lambda record, *args: begin(record.model_copy(update=noted), *args))
+    write = Record.write
+    monkeypatch.setattr(Record, "write", lambda record, run: write(record.model_copy(update=noted), run))
     with pytest.raises(UsageError, match=line):
         generate(workers=2)
     assert not (whole / "out").exists()

@@ -1,18 +1,18 @@
-"""What `generate` does with what is at its place, and what a preview says that it would do."""
+"""What `generate` does with what is at its place and in its part, and what a preview says about it."""
 
 import shutil
 from pathlib import Path
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.folders import contents, is_right, part_of
-from ibdata.generation.target import Action, At, Begun, Found, Mode, TakenError, decide
+from helpers.folders import contents, is_right, receipts, run_of
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import IbdataError
+from ibdata.experiment import self_check
 from ibdata.generation import workers
-from ibdata.generation.estimate import estimate
+from ibdata.system.part import Part
 from ibdata.writing.edited import sealed
 
 OTHER = TINY.model_copy(update={"seed": 1})
@@ -23,16 +23,15 @@ def begun(experiment=TINY):
     ibdata.generate(experiment, "out", shards="1/4", workers=1)
 
 
-def without_a_shard():
+def of_other_bits():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(self_check, "digest", lambda run: b"0" * 32)
+        begun()
+
+
+def begun_in_vain():
     begun(OTHER)
-    shutil.rmtree(part_of("out") / "receipts")
-
-
-def replacing():
-    begun()
-    part_of("out").rename("aside")
-    ibdata.generate(OTHER, "out", workers=1)
-    Path("aside").rename(part_of("out"))
+    shutil.rmtree(run_of("out") / "receipts")
 
 
 def dataset(experiment=TINY):
@@ -64,59 +63,67 @@ def linked():
 
 
 REPLACE = "out: holds the dataset of another experiment; --overwrite to replace it"
-BEGUN = "out: holds an unfinished run; --resume to go on with it"
-ANOTHER = "out: holds an unfinished run of another experiment; --overwrite to start again, or choose another"
 FILE = "out: is a file, not a folder; choose another --out"
 FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose another --out"
 DAMAGED = "out: not a dataset of ibdata, left as it is ("
 NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
 LOST = "out/meta/experiment.yaml: missing or not whole, but the dataset is finished; ibdata repair makes"
 HALF = "out/data/part-00001-"
-STATES = {  # how each is made, and the outcome without options, with --resume, with --overwrite
-    "nothing": (lambda: None, "made", "made", "made"),
-    "an empty folder": (lambda: Path("out").mkdir(), "made", "made", "made"),
-    "a file": (lambda: Path("out").write_text("mine"), FILE, FILE, FILE),
-    "a folder": (foreign, FOREIGN, FOREIGN, FOREIGN),
-    "the dataset": (dataset, "there", "there", "replaced"),
-    "a link to it": (linked, "there", "there", "replaced"),
-    "with a report": (with_report, "there", "there", "replaced"),
-    "with a note": (with_file("notes.txt"), "there", "there", NOTE),
-    "with another manifest": (with_file(manifest.PATH), DAMAGED, DAMAGED, DAMAGED),
-    "without a manifest": (without(manifest.PATH), FOREIGN, FOREIGN, FOREIGN),
-    "without its experiment": (without(manifest.EXPERIMENT), LOST, LOST, "replaced"),
-    "without a shard": (without("data/part-00001-*"), HALF, HALF, "replaced"),
-    "another dataset": (lambda: dataset(OTHER), REPLACE, REPLACE, "replaced"),
-    "begun": (begun, BEGUN, "goes on", "goes on"),
-    "begun in vain": (without_a_shard, "made", "made", "made"),
-    "another begun": (lambda: begun(OTHER), ANOTHER, ANOTHER, "discards"),
-    "replacing another": (replacing, REPLACE, REPLACE, "goes on"),
+BITS = "out: holds an unfinished run of a machine that computes other bits; run without --shards to make"
+PARTS = {  # how what is in the part is made
+    "none": lambda: None,
+    "mine": begun,
+    "of other bits": of_other_bits,
+    "another's": lambda: begun(OTHER),
+    "in vain": begun_in_vain,
 }
-OPTIONS = {"plain": {}, "resume": {"resume": True}, "overwrite": {"overwrite": True}}
-SHARDS = {"made": 4, "replaced": 4, "discards": 4, "goes on": 3, "there": 0}
-PREVIEWS = {
-    "made": Action.BEGIN,
-    "replaced": Action.BEGIN,
-    "there": Action.OPEN,
-    "goes on": Action.GO_ON,
-    "discards": Action.DISCARD,
+FREE = ("made", "goes on", "beside", "beside", "made")
+PLACES = {  # how what is at the place is made, and the outcomes with each part
+    "nothing": (lambda: None, FREE),
+    "an empty folder": (lambda: Path("out").mkdir(), FREE),
+    "the dataset": (dataset, ("there",) * 5),
+    "another dataset": (lambda: dataset(OTHER), (REPLACE,) * 5),
+    "without a shard": (without("data/part-00001-*"), (HALF,) * 5),
+    "a file": (lambda: Path("out").write_text("mine"), (FILE,)),
+    "a folder": (foreign, (FOREIGN,)),
+    "a link to it": (linked, ("there",)),
+    "with a report": (with_report, ("there",)),
+    "with a note": (with_file("notes.txt"), ("there",)),
+    "with another manifest": (with_file(manifest.PATH), (DAMAGED,)),
+    "without a manifest": (without(manifest.PATH), (FOREIGN,)),
+    "without its experiment": (without(manifest.EXPERIMENT), (LOST,)),
 }
-SAID = {
-    "there": "ibdata: out: already there; nothing was written\n",
-    "discards": "ibdata: out: the unfinished run of another experiment that was begun here is discarded\n",
-}
+REFUSED = {"a file": FILE, "a folder": FOREIGN, "with a note": NOTE}  # also with --overwrite
+REFUSED |= {"with another manifest": DAMAGED, "without a manifest": FOREIGN}
 CASES = [
-    pytest.param(state, options, outcome, id=f"{state}-{name}")
-    for state, (_, *outcomes) in STATES.items()
-    for (name, options), outcome in zip(OPTIONS.items(), outcomes, strict=True)
+    *((place, part, {}, outcome) for place, (_, row) in PLACES.items() for part, outcome in zip(PARTS, row)),  # noqa: B905
+    *(
+        (place, part, {"overwrite": True}, REFUSED.get(place, outcome))
+        for place, (_, row) in PLACES.items()
+        for part, outcome in zip(PARTS, FREE[: len(row)], strict=False)
+    ),
+    *(
+        ("nothing", part, {"shards": "1/4"}, outcome)
+        for part, outcome in zip(PARTS, ("made", "goes on", BITS, "beside", "made"), strict=True)
+    ),
+    ("the dataset", "mine", {"shards": "1/4"}, "there"),
+    ("another dataset", "mine", {"shards": "1/4"}, REPLACE),
 ]
+SHARDS = {"made": 4, "beside": 4, "goes on": 3, "there": 0}
+PREVIEWS = {
+    "made": "make it",
+    "beside": "make it",
+    "goes on": "go on after 1 finished shard",
+    "there": "open the finished dataset",
+}
 
 
 @pytest.fixture(scope="module")
 def states(tmp_path_factory):
-    """A folder for each state."""
+    """A folder for each place and each part."""
     home = tmp_path_factory.mktemp("states")
     with pytest.MonkeyPatch.context() as patch:
-        for name, (prepare, *_) in STATES.items():
+        for name, prepare in [*PARTS.items(), *((name, prepare) for name, (prepare, _) in PLACES.items())]:
             (home / name).mkdir()
             patch.chdir(home / name)
             prepare()
@@ -130,8 +137,10 @@ def plain(states):
 
 @pytest.fixture
 def go_to(states):
-    """A function that puts a state into the current folder."""
-    return lambda state: shutil.copytree(states / state, ".", symlinks=True, dirs_exist_ok=True)
+    """A function that puts places and parts into the current folder."""
+    return lambda *names: [
+        shutil.copytree(states / name, ".", symlinks=True, dirs_exist_ok=True) for name in names
+    ]
 
 
 @pytest.fixture
@@ -150,89 +159,43 @@ def made(monkeypatch):
 def preview(**options):
     """What a preview says that `generate` would do."""
     try:
-        return estimate(TINY, "out", workers=1, **options)["action"]
+        return ibdata.estimate(TINY, "out", **options)["action"]
     except IbdataError as error:
         return str(error)
 
 
-@pytest.mark.parametrize(("state", "options", "outcome"), CASES)
-def test_each_state_has_one_outcome(go_to, plain, made, files, capsys, state, options, outcome):
-    """A run makes, replaces, resumes or refuses, as the table and a preview say, and leaves nothing else."""
-    go_to(state)
+@pytest.mark.parametrize(("place", "part", "options", "outcome"), CASES)
+def test_each_state_has_one_outcome(go_to, plain, made, files, capsys, place, part, options, outcome):
+    """A run makes, goes on, begins beside or refuses, as the table and a preview say, and leaves no more."""
+    go_to(place, part)
     before = contents()
-    said = preview(**options)
+    is_range = "shards" in options
+    runs = Part(Path("out").absolute()).runs
+    said = None if is_range or part == "of other bits" else preview(**options)
     assert contents() == before
     if outcome not in SHARDS:
         with pytest.raises(IbdataError) as error:
             ibdata.generate(TINY, "out", workers=1, **options)
         assert outcome in str(error.value)
-        assert outcome in said
+        assert said is None or outcome in said
         assert error.value.exit_code == (3 if outcome in (LOST, HALF) else 2)
-        assert (made, contents()) == ([], before)
+        assert made == []
+        assert contents() == before or part == "in vain"
         return
-    assert said == PREVIEWS[outcome].value
+    assert said in (None, PREVIEWS[outcome])
     ibdata.generate(TINY, "out", workers=1, **options)
+    notice = {"there": "" if is_range else "ibdata: out: already there; nothing was written\n"}
+    if outcome == "beside":
+        what = "of another experiment" if part == "another's" else "of a machine that computes other bits"
+        notice[outcome] = (
+            f"ibdata: out: an unfinished run {what} stays in {runs[0]}, with 1 finished shard, "
+            "until a dataset is published here\n"
+        )
+    assert capsys.readouterr().err == notice.get(outcome, "")
+    if is_range:
+        assert len(made) == (outcome in ("made", "beside"))
+        assert len(receipts("out")) == (2 if outcome == "beside" else 1)
+        return
     assert len(made) == SHARDS[outcome]
     assert outcome == "there" or is_right("out", plain.path, files)
-    assert capsys.readouterr().err == SAID.get(outcome, "")
-    assert (contents() == before) == (outcome == "there")
-
-
-TAKEN, FIRM, BROKEN = (TakenError, "taken"), (UsageError, "firm"), (DatasetError, "broken")
-UNFINISHED = (TakenError, "x: holds an unfinished run; --resume to go on with it")
-ANOTHERS = (TakenError, "x: holds an unfinished run of another kind; --overwrite to start again, or choose ")
-CHANGED = (
-    TakenError,
-    "x: holds the dataset of this experiment with other code, in mine.py; --overwrite to ma",
-)
-OPEN, BEGIN, GO_ON, DISCARD = Action
-DECISIONS = {  # what is at the target, what was begun; without options, with --resume, with --overwrite
-    (At.FREE, Begun.NOTHING): (BEGIN, BEGIN, BEGIN),
-    (At.FREE, Begun.SAME): (UNFINISHED, GO_ON, GO_ON),
-    (At.FREE, Begun.OTHER): (ANOTHERS, ANOTHERS, DISCARD),
-    (At.SAME, Begun.NOTHING): (OPEN, OPEN, BEGIN),
-    (At.SAME, Begun.SAME): (OPEN, OPEN, GO_ON),
-    (At.SAME, Begun.OTHER): (OPEN, OPEN, DISCARD),
-    (At.OTHER, Begun.NOTHING): (TAKEN, TAKEN, BEGIN),
-    (At.OTHER, Begun.SAME): (TAKEN, TAKEN, GO_ON),
-    (At.OTHER, Begun.OTHER): (TAKEN, TAKEN, DISCARD),
-    (At.FOREIGN, Begun.NOTHING): (FIRM, FIRM, FIRM),
-    (At.FOREIGN, Begun.SAME): (FIRM, FIRM, FIRM),
-    (At.FOREIGN, Begun.OTHER): (FIRM, FIRM, FIRM),
-}
-REASONS = {  # of the dataset at the target, and what they change
-    (At.SAME, "damage"): (BROKEN, BROKEN, BEGIN),
-    (At.SAME, "other_code"): (CHANGED, OPEN, BEGIN),
-    (At.SAME, "in_the_way"): (OPEN, OPEN, FIRM),
-    (At.OTHER, "in_the_way"): (TAKEN, TAKEN, FIRM),
-}
-TEXTS = {"damage": "broken", "other_code": "mine.py", "in_the_way": "firm"}
-ROWS = [
-    *(
-        (Found("x", at, begun, why="taken" if at is At.OTHER else "firm", run="of another kind"), answers)
-        for (at, begun), answers in DECISIONS.items()
-    ),
-    *((Found("x", at, why="taken", **{key: TEXTS[key]}), answers) for (at, key), answers in REASONS.items()),
-]
-
-
-@pytest.mark.parametrize(("found", "answers"), ROWS)
-def test_what_each_mode_does_in_each_state(found, answers):
-    assert set(DECISIONS) == {(at, begun) for at in At for begun in Begun}
-    for mode, answer in zip(Mode, answers, strict=True):
-        if isinstance(answer, Action):
-            assert decide(found, mode) is answer
-            continue
-        with pytest.raises(IbdataError) as error:
-            decide(found, mode)
-        assert (type(error.value), answer[1] in str(error.value)) == (answer[0], True)
-
-
-@pytest.mark.parametrize("path", ["dataset/data/*", "receipts/*"])
-def test_a_damaged_shard_of_a_part_is_made_again(go_to, plain, made, files, path):
-    go_to("begun")
-    (found,) = part_of("out").glob(path)
-    found.write_bytes(found.read_bytes()[:-9])
-    ibdata.generate(TINY, "out", workers=1, resume=True)
-    assert sorted(made) == [0, 1, 2, 3]
-    assert is_right("out", plain.path, files)
+    assert (contents() == before) == (outcome == "there" and part != "in vain")

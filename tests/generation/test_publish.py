@@ -3,16 +3,19 @@
 import os
 import shutil
 import stat
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from helpers import python
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.folders import part_of
+from helpers.folders import is_right
 
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.system import part
 from ibdata.writing.edited import keep_all
+from ibdata.system.part import locked_part
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -42,6 +45,95 @@ def test_mode_and_group_are_kept():
     paths = ["out", "out/data", "out/meta/manifest.json", f"out/{shard}"]
     found = [(stat.S_IMODE(os.stat(path).st_mode), os.stat(path).st_gid) for path in paths]
     assert found == [(0o2750, group), (0o770, group), (0o640, group), (0o640, group)]
+
+
+KILLED = f"""
+import os
+import ibdata
+from ibdata.system import part
+from ibdata.system.part import locked_part
+
+def rename(path, target, real=part.Path.rename):
+    real(path, target)
+    if target.name == part.OLD:
+        os._exit(9)
+
+part.exchanged, part.Path.rename = lambda a, b: False, rename
+ibdata.generate(ibdata.Experiment.model_validate({TINY.plain()}), "out", workers=1, overwrite=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def killed(tiny, tmp_path_factory):
+    """A folder in which a run was killed between two renames."""
+    folder = tmp_path_factory.mktemp("killed")
+    shutil.copytree(tiny[1].path, folder / "out")
+    assert python("-c", KILLED, cwd=folder).returncode == 9
+    assert [path.name for path in folder.iterdir()] == [".out.part"]
+    return folder
+
+
+@pytest.fixture
+def between(killed):
+    """That folder as the current one."""
+    shutil.rmtree("out")
+    shutil.copytree(killed, ".", dirs_exist_ok=True)
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_what_was_killed_between_two_renames_is_finished(between, tiny, files, monkeypatch, folder):
+    """By the same command, without a shard made again; an empty folder is not in the way."""
+    if folder:
+        Path("out").mkdir()
+    monkeypatch.setattr(part, "exchanged", lambda a, b: False)
+    monkeypatch.setattr("ibdata.generation.workers.make_shard", None)
+    replace()
+    assert is_right("out", tiny[0].path, files)
+
+
+OTHERS = {
+    "itself": lambda path: ibdata.generate(OTHER, "out", workers=1),
+    "another": lambda path: ibdata.generate(OTHER, "out", workers=1, seed=2),
+    "a range": lambda path: ibdata.generate(TINY, "out", workers=1, shards="1/2"),
+    "finalize": lambda path: ibdata.finalize("out"),
+    "merge": lambda path: ibdata.merge([path, path.with_name("0")], "out"),
+    "export": lambda path: ibdata.export(path, "npz", "out", overwrite=True),
+    "card": lambda path: locked_part(Path("out").absolute()).__enter__(),
+}
+
+
+@pytest.mark.parametrize("write", OTHERS.values(), ids=OTHERS)
+def test_the_old_dataset_is_not_lost_between_two_renames(between, tiny, files, write):
+    with suppress(ibdata.IbdataError):
+        write(tiny[1].path)
+    assert files("out") == files(tiny[1].path)
+    assert ibdata.validate("out") == []
+
+
+def test_a_file_that_took_the_place_stays(between):
+    Path("out").write_text("mine")
+    with pytest.raises(ibdata.IbdataError, match=r"^out: is a file"):
+        replace()
+    Path("out").rename("aside")
+    with pytest.raises(ibdata.IbdataError, match=r"^out: holds the dataset of another experiment"):
+        ibdata.generate(TINY, "out", workers=1)
+    assert Path("aside").read_text() == "mine"
+
+
+def test_where_the_second_rename_fails_the_old_dataset_is_back_at_once(tiny, files, monkeypatch):
+    def rename(path, target, real=Path.rename):
+        if path.name == "dataset":
+            raise OSError(5, "Input/output error")
+        return real(path, target)
+
+    monkeypatch.setattr(part, "exchanged", lambda a, b: False)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", rename)
+        with pytest.raises(ibdata.IbdataError, match=r"^out: cannot be written: Input/output error$"):
+            replace()
+    assert files("out") == files(tiny[1].path)
+    replace()
+    assert is_right("out", tiny[0].path, files)
 
 
 def test_an_edited_card_is_kept_beside_the_new_one(capsys):
@@ -132,8 +224,8 @@ def events(monkeypatch):
 def test_all_is_on_the_disk_before_it_is_published(events, tmp_path, out):
     """Every file and folder is synced before the dataset gets its name, and the name afterwards."""
     ibdata.generate(TINY, out, workers=1, overwrite=True)
-    target, inner = tmp_path / out, part_of(tmp_path / out) / "dataset"
-    (at,) = [i for i, event in enumerate(events) if event == ("move", str(inner), str(target))]
+    target = tmp_path / out
+    ((at, inner),) = [(i, Path(event[1])) for i, event in enumerate(events) if event[-1] == str(target)]
     moved = [inner / path.relative_to(target) for path in [target, *target.rglob("*")]]
     before = [event[1] for event in events[:at] if event[0] == "sync"]
     assert {str(path) for path in moved} <= set(before)

@@ -104,9 +104,9 @@ def test_overwriting_names_what_is_not_the_dataset_s(name):
 
 
 MEANWHILE = {
-    "generate": ("ibdata.generation.job.finish", WRITERS["generate"], "out"),
-    "overwrite": ("ibdata.generation.job.finish", WRITERS["overwrite"], "../a"),
-    "materialize": ("ibdata.maintenance.rewrite.finish", WRITERS["materialize"], "out"),
+    "generate": ("ibdata.generation.build.finish", WRITERS["generate"], "out"),
+    "overwrite": ("ibdata.generation.build.finish", WRITERS["overwrite"], "../a"),
+    "materialize": ("ibdata.generation.build.finish", WRITERS["materialize"], "out"),
 }
 
 

@@ -1,18 +1,21 @@
 """All shards or an error: what is not whole is never published, and nothing of it is deleted."""
 
 import os
+import shutil
 from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.datasets import four_shards_at
-from helpers.folders import is_right, part_of
+from helpers.folders import contents, is_right, part_of, receipts, run_of
 
 import ibdata
 from ibdata import IbdataError
-from ibdata.errors import DatasetError
+from ibdata.errors import DatasetError, UsageError
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import upload, workers
+from ibdata.generation.record import Record
 from ibdata.system.storage import Remote
 from ibdata.writing import shard as shard_writing
 
@@ -50,14 +53,86 @@ def test_a_lost_shard_is_an_error_and_the_run_goes_on(tiny, files, monkeypatch, 
     with monkeypatch.context() as broken:
         lose(broken)
         with pytest.raises(
-            IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: 2; .*--resume"
+            IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: 2; run the same command again"
         ) as e:
             write()
     assert (e.value.exit_code, Path("out").exists()) == (1, False)
-    assert len(list((part_of("out") / "dataset/data").iterdir())) == 4
-    ibdata.generate(TINY, "out", workers=1, resume=True)
+    assert len(list((run_of("out") / "dataset/data").iterdir())) == 4
+    ibdata.generate(TINY, "out", workers=1)
     assert is_right("out", tiny[0].path, files)
     assert ibdata.validate("out") == []
+
+
+def flipped(data, other):
+    at = len(data) // 2
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+
+
+DAMAGE = {
+    "flipped": flipped,
+    "cut": lambda data, other: data[:-9],
+    "zeroed": lambda data, other: bytes(len(data)),
+    "emptied": lambda data, other: b"",
+    "foreign": lambda data, other: other,
+}
+FILES = {"run.json": "run.json", "receipt": "receipts/00001.npy", "shard": "dataset/data/part-00001-*"}
+WAYS_ON = {
+    "same": lambda: ibdata.generate(TINY, "out", workers=1),
+    "overwrite": lambda: ibdata.generate(TINY, "out", workers=1, overwrite=True),
+    "finalize": lambda: (ibdata.generate(TINY, "out", workers=1, shards="1/1"), ibdata.finalize("out")),
+}
+CASES = [
+    *((FILES[name], damage, WAYS_ON["same"]) for name in FILES for damage in DAMAGE.values()),
+    *((FILES[name], flipped, write) for name in FILES for write in list(WAYS_ON.values())[1:]),
+]
+
+
+@pytest.mark.parametrize(("path", "damage", "write"), CASES)
+def test_what_is_damaged_in_a_part_is_made_again(tiny, files, begun, path, damage, write):
+    """A file of another run is damage, too; and of another shard."""
+    shutil.copytree(begun, ".", dirs_exist_ok=True)
+    (found,) = run_of("out").glob(path)
+    other = next(run_of("other").glob(path.replace("00001", "00000")))
+    found.write_bytes(damage(found.read_bytes(), other.read_bytes()))
+    shutil.rmtree(part_of("other"))
+    write()
+    assert is_right("out", tiny[0].path, files)
+    assert ibdata.validate("out") == []
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    """A folder with two unfinished runs; those of `other` fit `out`, but for their numbers."""
+    folder = tmp_path_factory.mktemp("begun")
+    ibdata.generate(TINY, folder / "out", workers=1, shards="1/2")
+    shutil.copytree(run_of(folder / "out"), part_of(folder / "other") / ("0" * 16))
+    note = Record.of(DatasetSpec.of(TINY.model_copy(update={"seed": 1})), code=[], reproducible=True)
+    note.write(run_of(folder / "other"))
+    return folder
+
+
+def test_finalize_names_what_is_damaged(begun):
+    shutil.copytree(begun, ".", dirs_exist_ok=True)
+    ibdata.generate(TINY, "out", workers=1, shards="2/2")
+    receipt = run_of("out") / "receipts/00002.npy"
+    receipt.write_bytes(receipt.read_bytes()[1:])
+    with pytest.raises(
+        IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: 2; run the same comm"
+    ):
+        ibdata.finalize("out")
+
+
+def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line():
+    """Its files lay directly in the part."""
+    part_of("out").mkdir()
+    for name in ("ibdata.lock", "run.json"):
+        (part_of("out") / name).touch()
+    before = contents()
+    with pytest.raises(
+        UsageError, match=r"^\S*\.out\.part: found an unfinished run of an older ibdata; finish"
+    ):
+        ibdata.generate(TINY, "out", workers=1)
+    assert contents() == before
 
 
 def test_receipts_that_cannot_be_listed_are_not_none(monkeypatch):
@@ -72,20 +147,20 @@ def test_receipts_that_cannot_be_listed_are_not_none(monkeypatch):
     with monkeypatch.context() as broken:
         broken.setattr("ibdata.system.part.os.listdir", failing)
         with pytest.raises(IbdataError, match=r"^out: cannot be written: Stale file handle"):
-            ibdata.generate(TINY, "out", workers=1, resume=True)
-    assert len(list((part_of("out") / "receipts").iterdir())) == 2
+            ibdata.generate(TINY, "out", workers=1)
+    assert len(receipts("out")) == 2
 
 
 def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, tiny, files):
     monkeypatch.chdir(tmp_path)
     url = f"{tmp_path.as_uri()}/there"
-    monkeypatch.setattr(upload, "places", lambda url, e: (tmp_path / "cache/dataset", Remote(url)))
+    monkeypatch.setattr(upload, "work_folder", lambda url, e: tmp_path / "cache/dataset")
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", Mock(side_effect=OSError(5, "lost")))
-        with pytest.raises(IbdataError, match="--resume tries again"):
+        with pytest.raises(IbdataError, match="the same command tries again"):
             four_shards_at(url)
     next(Path("cache/dataset/data").iterdir()).unlink()
-    four_shards_at(url, resume=True)
+    four_shards_at(url)
     assert files("there") == files(tiny[0].path)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.dataset import manifest
+from ibdata.system.part import Part
 from ibdata.writing.metadata import as_json
 
 Json = dict[str, Any]
@@ -34,9 +35,14 @@ def litter(folder):
             (path / ".DS_Store").write_bytes(b"\0\0\0\1Bud1")
 
 
+def run_of(place):
+    """The folder of the unfinished run that was worked on last."""
+    return Part(Path(place)).runs[-1]
+
+
 def receipts(place):
-    """The names of the receipts of an unfinished run."""
-    return sorted(path.name for path in (part_of(place) / "receipts").glob("*"))
+    """The names of the receipts of unfinished runs."""
+    return sorted(path.name for path in Part(Path(place)).receipts)
 
 
 def is_right(made, plain, files):

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-SHARDS = {"A": 2, "B": 4}  # of the experiments
 MANIFEST, LABELS = "meta/manifest.json", "meta/splits.json"
 NAMES = {"episode": {"train", "test"}, "policy": {"random", "safe"}}  # of the splits by episode and by policy
 
@@ -16,14 +15,16 @@ def options(by: str) -> list[str]:
     return ["--by", by, *(["--fractions", "0.5,0.5"] if by == "episode" else [])]
 
 
-class Part(NamedTuple):
-    """An unfinished run: its experiment, and how many shards are finished; None and 0 if nobody needs it."""
-
-    experiment: str | None
-    shards: int = 0
+Made = tuple[str, str | None, frozenset[str]]  # a dataset: its content, experiment and splits
 
 
-USELESS = Part(None)
+class Run(NamedTuple):
+    """An unfinished run: its folder, what it makes, and how many of its shards are finished."""
+
+    folder: str
+    made: Made
+    done: int
+    shards: int
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,10 @@ class Place:
     splits: frozenset[str] = frozenset()
     declared: frozenset[str] = frozenset()
     damaged: frozenset[str] = frozenset()
-    part: Part | None = None
+    part: tuple[Run, ...] | None = None  # the one that was worked on last stands last; () is rubbish
     file: bool = False  # of a user, in the place of the folder
     note: str | None = None  # a user's file inside
     words: str | None = None  # that a user has added to the card
-
-    @property
-    def unfinished(self) -> Part | None:
-        """The run that somebody may want to go on with."""
-        return self.part if self.part and self.part.shards else None
 
     def made(self, holds: str, experiment: str | None, splits: frozenset[str] = frozenset()) -> Place:
         """A new dataset here, with the declared splits; only the words of a user stay."""
@@ -64,47 +60,41 @@ def generate(place: Place, experiment: str, flags: Sequence[str]) -> Expected:
     """A whole dataset; what is there stays unless --overwrite is said, and nobody's files are deleted."""
     overwrite = "--overwrite" in flags
     codes, after = DONE, place.made(experiment, experiment)
-    if place.file or ("--resume" in flags and overwrite):
+    if place.file:
         codes = USAGE
     elif place.holds and not overwrite:
         after = place
         codes = DONE if place.experiment == experiment else USAGE
     elif place.note:
         codes = USAGE
-    elif place.unfinished and not overwrite:
-        codes = DONE if flags and place.unfinished.experiment == experiment else USAGE
     if (place.damaged and not overwrite) or MANIFEST in place.damaged:  # it may not be told whose it is
         codes = NO if codes == USAGE else ANY
     return Expected(codes, after)
 
 
 def generate_range(place: Place, experiment: str) -> Expected:
-    """Some shards: of a run that nobody else has begun."""
+    """Some shards, also beside those of others."""
     if place.holds:
         codes = DONE if place.experiment == experiment else USAGE
         return Expected(ANY if place.damaged else codes, place)
-    foreign = place.unfinished and place.unfinished.experiment != experiment
-    return Expected(
-        USAGE if place.file or place.note or foreign else DONE, replace(place, part=Part(experiment))
-    )
+    return Expected(USAGE if place.file or place.note else DONE, replace(place))
 
 
 def finalize(place: Place) -> Expected:
-    """A dataset of a run whose shards are all finished."""
+    """A dataset of the run that was worked on last, if its shards are all finished."""
     if place.holds:  # an unfinished replacement is never finished unasked
         return Expected(ANY if place.damaged or place.part else DONE, place)
-    if not place.unfinished or place.file or place.note:
+    if not place.part or place.file or place.note:
         return Expected(NO, place)
-    experiment, shards = place.unfinished
-    whole = experiment is not None and shards == SHARDS[experiment]
-    return Expected(DONE if whole else NO, place.made(str(experiment), experiment))
+    run = place.part[-1]
+    return Expected(DONE if run.done == run.shards else NO, place.made(*run.made))
 
 
 def new(place: Place, after: Place, sources: Sequence[Place]) -> Expected:
     """A dataset from others, where nothing is yet."""
     if not all(source.holds for source in sources):
         return Expected(NO, place)
-    if place.file or place.note or place.holds or place.unfinished:
+    if place.file or place.note or place.holds:
         return Expected(NO, place)
     return Expected(ANY if any(source.damaged for source in sources) else DONE, after)
 

@@ -23,7 +23,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 from life import model
-from life.model import Expected, Place
+from life.model import Expected, Made, Place
 from life.world import EXPERIMENTS, FAULTS, KILLS, Known, Moment, World
 
 STEPS = 25 if FULL else 15  # of a story
@@ -46,9 +46,7 @@ HOLDS, EMPTY = (lambda place: place.holds), (lambda place: not place.holds)
 PART, MINE = (lambda place: place.part), (lambda place: place.note or place.file)
 ANYWHERE, DATASETS, OTHERS, PARTS_LEFT = map(places, (bool, HOLDS, EMPTY, PART))
 NAMES, BY = st.sampled_from(sorted(EXPERIMENTS)), st.sampled_from(sorted(model.NAMES))
-OPTIONS = st.sampled_from(
-    [(), ("--resume",), ("--overwrite",), ("--overwrite",), ("--resume", "--overwrite")]
-)
+OPTIONS = st.sampled_from([(), ("--overwrite",)])
 FAULT = st.sampled_from([*FAULTS, *KILLS, "SIGSTOP", "SIGSTOP", "none", "none"])
 
 
@@ -75,9 +73,11 @@ class Life(RuleBasedStateMachine):
         if hasattr(self, "world"):
             shutil.rmtree(self.world.home)
 
-    def run(self, out: str, expected: Expected, moment: Moment, *args: object, **more: str | None) -> None:
+    def run(
+        self, out: str, expected: Expected, moment: Moment, *args: object, made: Made | None = None
+    ) -> None:
         paths = [self.world.home / str(arg) if arg in ("x", "y", "z") else arg for arg in args]
-        self.world.run(out, expected, moment, *paths, **more)
+        self.world.run(out, expected, moment, *paths, made=made)
 
     def config(self, name: str) -> object:
         return self.known.folder / f"{name}.yaml"
@@ -86,26 +86,27 @@ class Life(RuleBasedStateMachine):
     def generate(self, name: str, out: str, options: tuple[str, ...], moment: Moment) -> None:
         expected = model.generate(self.world.places[out], name, options)
         args = ["generate", self.config(name), "--quiet", "--workers", 1, "--out", out, *options]
-        self.run(out, expected, moment, *args, experiment=name)
+        self.run(out, expected, moment, *args, made=(name, name, frozenset()))
 
     @rule(name=NAMES, out=OTHERS | PARTS_LEFT, i=st.integers(1, 2), moment=moments(40))
     def generate_range(self, name: str, out: str, i: int, moment: Moment) -> None:
         expected = model.generate_range(self.world.places[out], name)
         args = ["generate", self.config(name), "--workers", 1, "--out", out, "--shards", f"{i}/2"]
-        self.run(out, expected, moment, *args, experiment=name)
+        self.run(out, expected, moment, *args, made=(name, name, frozenset()))
 
     @some(PART)
     @rule(out=PARTS_LEFT, moment=moments(45))
     def finalize(self, out: str, moment: Moment) -> None:
         place = self.world.places[out]
-        experiment = place.part.experiment if place.part else None
-        self.run(out, model.finalize(place), moment, "finalize", out, experiment=experiment)
+        made = place.part[-1].made if place.part else None
+        self.run(out, model.finalize(place), moment, "finalize", out, made=made)
 
     @rule(sources=st.permutations("xyz"), moment=moments(75))
     def merge(self, sources: list[str], moment: Moment) -> None:
         *parts, out = sources
         expected = model.merge(self.world.places[out], [self.world.places[name] for name in parts])
-        self.run(out, expected, moment, "merge", *parts, "--out", out)
+        made = (str(expected.after.holds), None, expected.after.splits)
+        self.run(out, expected, moment, "merge", *parts, "--out", out, made=made)
 
     @some(HOLDS)
     @rule(out=DATASETS, by=BY, moment=moments(12))
@@ -116,8 +117,10 @@ class Life(RuleBasedStateMachine):
     @rule(source=DATASETS, out=OTHERS, by=BY, moment=moments(55))
     def materialize(self, source: str, out: str, by: str, moment: Moment) -> None:
         expected = model.materialize(self.world.places[out], self.world.places[source], by)
+        made = (str(expected.after.holds), None, expected.after.splits)
+        args = ["split", source, *model.options(by), "--materialize", out]
         if source != out:
-            self.run(out, expected, moment, "split", source, *model.options(by), "--materialize", out)
+            self.run(out, expected, moment, *args, made=made)
 
     @some(HOLDS)
     @rule(out=DATASETS, moment=moments(12))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from helpers.forks import Answer, Forks
 from helpers.readers import Rewards, opened, rewards
-from life.model import LABELS, MANIFEST, SHARDS, USELESS, Expected, Part, Place
+from life.model import LABELS, MANIFEST, Expected, Made, Place, Run
 
 import ibdata
 
@@ -73,7 +72,7 @@ class World:
         expected: Expected,
         moment: Moment,
         *args: object,
-        experiment: str | None = None,
+        made: Made | None = None,
         meanwhile: Callable[[], object] = lambda: None,
     ) -> None:
         """Run a command that writes at a place, perhaps with a fault, and check what it leaves."""
@@ -91,7 +90,7 @@ class World:
             if after is place and answer.code != FAULTS[mode]:
                 assert self.signature(out) == before, "something changed"
             self.read(readers, wanted, place)
-            self.places[out] = replace(after, part=self.part(out, after, answer, mode, experiment))
+            self.places[out] = replace(after, part=self.part(out, after, answer, mode, made))
             self.check_all()
         except AssertionError as error:
             raise AssertionError(f"{args} at {place}: expected {expected}, found {answer}: {error}") from None
@@ -128,27 +127,37 @@ class World:
         except Exception:  # whatever is wrong with it
             return None
 
-    def part(self, out: str, after: Place, answer: Answer, mode: str, experiment: str | None) -> Part | None:
-        """The unfinished run that is beside a place now, as `ibdata ls` shows it."""
-        before, done = self.places[out].part, answer.code == 0 and after is not self.places[out]
-        if not (self.home / f".{out}.part").exists():
-            assert before is None or answer.code != 2, "the unfinished run is lost"
+    def part(
+        self, out: str, after: Place, answer: Answer, mode: str, made: Made | None
+    ) -> tuple[Run, ...] | None:
+        """The unfinished runs that are beside a place now, each of which `ibdata ls` shows."""
+        folder, place = self.home / f".{out}.part", self.places[out]
+        done = {path.parent.name: len(list(path.iterdir())) for path in folder.glob("[0-9a-f]*/receipts")}
+        runs = [run for run in place.part or () if done.get(run.folder) == run.done]
+        changed = {name for name, count in done.items() if count} - {run.folder for run in runs}
+        for name in changed:
+            assert made is not None, "whose run?"
+            shards = json.loads((folder / name / "run.json").read_bytes()[:-32])["shards"]
+            runs.append(Run(name, made, done[name], shards))
+        assert len(changed) < 2, "two runs have changed"
+        known = {run.folder: run for run in place.part or ()}
+        assert all(known.get(run.folder, run).made == run.made for run in runs), "whose run?"
+        lost = [run for run in known.values() if done.get(run.folder, 0) < run.done]
+        is_new = made is not None and after.holds == made[0]
+        assert not lost or is_new or any(run.made[0] == after.holds for run in lost), "lost shards"
+        assert not (answer.code == 0 and is_new and after is not place and folder.exists()), "a part is left"
+        if not folder.exists():
             return None
+        assert runs or mode != "none" or place.part == (), "a part is left that is of no use"
         listed = self.known.forks.run("ls", self.home, "--json")
         assert listed.code == 0, listed
-        states = {each["path"]: each["state"] for each in json.loads(listed.output)["datasets"]
-                  if each["state"].startswith("unfinished")}  # fmt: skip
-        found = re.fullmatch(r"unfinished, (\d+) of (\d+) shards", states.get(str(self.home / out), ""))
-        if not found or found[1] == "0":
-            assert mode != "none" or before == USELESS, "a part is left that is of no use"
-            return USELESS
-        part = Part(next((name for name in SHARDS if SHARDS[name] == int(found[2])), None), int(found[1]))
-        if part != before:
-            assert part.experiment == experiment, "whose part?"
-            lost = before and before.experiment == experiment and part.shards < before.shards
-            assert not lost or after.holds == experiment, "lost shards"
-        assert not done or not after.holds or part == before, "a part is left of a run that is done"
-        return part
+        states = [
+            each["state"] for each in json.loads(listed.output)["datasets"]
+            if each["path"] == str(self.home / out) and each["state"].startswith("unfinished")
+        ]  # fmt: skip
+        shown = [f"unfinished, {run.done} of {run.shards} shards" for run in runs]
+        assert sorted(shown) == sorted(state for state in states if ", 0 of" not in state), "ls"
+        return tuple(runs)
 
     def read(self, readers: Readers, wanted: set[str | None], place: Place, must: bool = False) -> None:
         """Read by all readers: one of these datasets, or an error unless they must find one."""
@@ -179,7 +188,7 @@ class World:
         """Nothing else lies beside the places, and every place that has changed is as expected."""
         names = {name for name in self.places if (self.home / name).exists()}
         assert set(os.listdir(self.home)) == names | {
-            f".{name}.part" for name in self.places if self.places[name].part
+            f".{name}.part" for name in self.places if self.places[name].part is not None
         }
         for name, place in self.places.items():
             if self.checked.get(name) != (seen := (self.signature(name), place)):

@@ -4,10 +4,12 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.folders import seal
+from helpers.folders import part_of, run_of, seal
 
 import ibdata
-from ibdata.errors import UsageError
+from ibdata.errors import Interrupted, UsageError
+from ibdata.maintenance import rewrite
+from ibdata.maintenance.listing import datasets_in
 
 PLAIN = {
     "name": "a",
@@ -77,6 +79,62 @@ def test_a_merged_dataset_is_repaired(merged, shard_file, tmp_path, damage):
     assert ibdata.repair(folder, workers=1) == [file]
     assert (folder / file).read_bytes() == whole
     assert ibdata.validate(folder) == []
+
+
+WAYS = {
+    "merge": lambda pair, out: ibdata.merge([each.path for each in pair], out),
+    "materialize": lambda pair, out: ibdata.split(pair[1].path, "policy", materialize=out),
+}
+
+
+@pytest.fixture
+def copied(monkeypatch):
+    """The numbers of the shards that are copied; `copied.stop` ends the process before the next ones."""
+    real, numbers = rewrite.shard_writer, Numbers()
+
+    def writer(spec, shard, folder):
+        if len(numbers) == numbers.most:
+            raise Interrupted(15)
+        numbers.append(shard.number)
+        return real(spec, shard, folder)
+
+    monkeypatch.setattr(rewrite, "shard_writer", writer)
+    return numbers
+
+
+class Numbers(list):
+    """Numbers of shards, of which there may be so many."""
+
+    most = -1
+
+
+@pytest.mark.parametrize("write", WAYS.values(), ids=WAYS)
+def test_what_was_stopped_goes_on_without_copying_again(pair, copied, tmp_path, write):
+    plain = write(pair, tmp_path / "plain/out")
+    whole, copied.most = len(copied), 3
+    copied.clear()
+    with pytest.raises(Interrupted, match="3 shards are finished; the same command goes on"):
+        write(pair, tmp_path / "out")
+    states = [each.state for each in datasets_in(tmp_path)]
+    assert states == [f"unfinished, 3 of {whole} shards", "finished"]
+    copied.most = -1
+    (run_of(tmp_path / "out") / "receipts/00001.npy").write_bytes(b"damaged")
+    made = write(pair, tmp_path / "out")
+    assert copied == [0, 1, 2, 1, *range(3, whole)]
+    assert made.content_root == plain.content_root
+    assert not part_of(made.path).exists()
+    assert ibdata.validate(made.path) == []
+
+
+def test_a_merge_of_other_datasets_begins_beside(pair, copied, tmp_path, capsys):
+    copied.most = 1
+    with pytest.raises(Interrupted):
+        WAYS["merge"](pair, tmp_path / "out")
+    copied.most = -1
+    made = WAYS["merge"](pair[::-1], tmp_path / "out")
+    assert len(copied) == 1 + 16
+    assert ": an unfinished run of another experiment stays in " in capsys.readouterr().err
+    assert ibdata.validate(made.path) == []
 
 
 def test_the_order_of_merging_does_not_change_the_root(make, tmp_path):

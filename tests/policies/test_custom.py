@@ -70,9 +70,8 @@ def test_code_runs_only_where_it_is_allowed(mine, wrap, capsys):
     block = {"kind": "custom", "target": "mine:actor", "uniforms": 3}
     block = {"kind": "epsilon_greedy", "base": block, "epsilon": 0.5} if wrap else block
     experiment = load({**described(target="mine:actor").plain(), "policies": [block]})
-    for resume in (False, True):
-        with pytest.raises(UsageError, match="found a custom policy, mine:actor, which is code"):
-            ibdata.generate(experiment, "out", workers=2, resume=resume)
+    with pytest.raises(UsageError, match="found a custom policy, mine:actor, which is code"):
+        ibdata.generate(experiment, "out", workers=2)
     assert not (mine / "imported").exists()
     made = ibdata.generate(experiment, "out", workers=2, allow_code=True)
     assert "ibdata: running the code of mine:actor" in capsys.readouterr().err

@@ -30,7 +30,7 @@ import ibdata
 from ibdata.experiment import Experiment, rollout, self_check
 from ibdata.generation import process, workers
 from ibdata.simulation import unroll
-from ibdata.system.part import Part
+from ibdata.system.part import RECEIPTS, Part
 from ibdata.writing.shard import DATASET
 
 HERE = Path(__file__).resolve().parent
@@ -130,9 +130,9 @@ def interrupted(after: int) -> None:
 
 def with_receipts(folder: Path) -> dict[str, int]:
     """The names of the shards of an unfinished run that resuming is to keep, with their inodes."""
-    part = Part(folder)
-    data = part.folder / DATASET / "data"
-    shards = [path for one in part.receipts for path in data.glob(f"part-{one.stem}-*.parquet")]
+    (run,) = Part(folder).runs
+    data = run / DATASET / "data"
+    shards = [path for one in (run / RECEIPTS).iterdir() for path in data.glob(f"part-{one.stem}-*.parquet")]
     return {path.name: path.stat().st_ino for path in shards}
 
 
@@ -152,7 +152,7 @@ def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
         else:
             raise AssertionError("not interrupted")
         rollout.LANES = unroll.BLOCK = 11  # goes on in other blocks, where this process does the work
-    ibdata.generate(experiment, out, workers=processes, resume=bool(after))
+    ibdata.generate(experiment, out, workers=processes)
     if after:
         assert all((out / "data" / name).stat().st_ino == inode for name, inode in kept.items())
     manifest = json.loads((out / "meta" / "manifest.json").read_bytes())

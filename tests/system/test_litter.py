@@ -82,12 +82,12 @@ def test_a_dataset_is_opened_replaced_and_made_in_a_littered_folder(littered, tm
 def test_a_run_goes_on_among_litter(tmp_path, monkeypatch):
     out = tmp_path / "x"
     with monkeypatch.context() as patch:
-        patch.setattr("ibdata.generation.job.finish", None)  # so that all shards are made, and nothing more
+        patch.setattr("ibdata.generation.build.finish", None)  # so that all shards are made, and nothing more
         with pytest.raises(TypeError):
             ibdata.generate(FOUR_SHARDS, out, workers=1)
     litter(part_of(out))
     assert [listed.state for listed in datasets_in(tmp_path)] == ["unfinished, 4 of 4 shards"]
-    assert ibdata.validate(ibdata.generate(FOUR_SHARDS, out, workers=1, resume=True).path) == []
+    assert ibdata.validate(ibdata.generate(FOUR_SHARDS, out, workers=1).path) == []
     assert not part_of(out).exists()
 
 

@@ -22,7 +22,7 @@ PUT = Remote.put
 def cache(url, tmp_path, monkeypatch):
     """The folder of this machine in which datasets wait for their upload."""
     folder = tmp_path / "cache"
-    monkeypatch.setattr(upload, "places", lambda url, e: (folder / str(e.seed) / "dataset", Remote(url)))
+    monkeypatch.setattr(upload, "work_folder", lambda url, e: folder / str(e.seed) / "dataset")
     return folder
 
 
@@ -47,7 +47,9 @@ def interrupted(monkeypatch, url, puts, torn=False):
 
     with monkeypatch.context() as broken:
         broken.setattr(Remote, "put", failing)
-        with pytest.raises(IbdataError, match=r"there: cannot be written: connection lost; --resume tries"):
+        with pytest.raises(
+            IbdataError, match=r"there: cannot be written: connection lost; the same command tries"
+        ):
             four_shards_at(url)
 
 
@@ -67,21 +69,15 @@ def test_the_files_of_a_folder_are_there_the_manifest_last(url, tiny, cache, is_
     assert (dataset.place, dataset.content_root) == (url, tiny[0].content_root)
     assert not contents(cache)
     paths.clear()
-    for options in ({}, {"resume": True}):
-        assert four_shards_at(url, **options).manifest == dataset.manifest
+    assert four_shards_at(url).manifest == dataset.manifest
     assert paths == []
 
 
 @pytest.mark.parametrize(("puts", "torn"), [(0, False), (7, True), (FILES - 1, True)])
 def test_a_broken_upload_is_repeated(url, monkeypatch, is_whole, puts, torn, capsys):
     interrupted(monkeypatch, url, puts, torn)
-    before = contents("there")
-    if before:
-        with pytest.raises(IbdataError):
-            four_shards_at(url)
-        assert contents("there") == before
     monkeypatch.setattr("ibdata.generation.workers.make_shard", None)  # no shard is made again
-    four_shards_at(url, resume=True)
+    four_shards_at(url)
     assert is_whole()
     assert capsys.readouterr().err == ""
 
@@ -93,12 +89,11 @@ def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole, path, 
     Path("there", path).parent.mkdir(parents=True, exist_ok=True)
     Path("there", path).write_text("mine")
     before = contents("there")
-    for options in ({}, {"resume": True}):
-        with pytest.raises(UsageError, match=r"there: holds files, but no finished dataset, such as "):
-            four_shards_at(url, **options)
+    with pytest.raises(UsageError, match=r"there: holds files, but no finished dataset, such as "):
+        four_shards_at(url)
     assert contents("there") == before
     Path("there", path).unlink()
-    four_shards_at(url, resume=True)
+    four_shards_at(url)
     assert is_whole()
 
 
@@ -111,10 +106,10 @@ def test_a_signal_stops_an_upload(url, monkeypatch, is_whole):
 
     with monkeypatch.context() as patched:
         patched.setattr(Remote, "put", stopping)
-        with pytest.raises(Interrupted, match=r"; the dataset is not uploaded; --resume uploads it$"):
+        with pytest.raises(Interrupted, match=r"; the dataset is not uploaded; the same command uploads it$"):
             four_shards_at(url)
     assert len([path for path in Path("there").rglob("*") if path.is_file()]) == 1
-    four_shards_at(url, resume=True)
+    four_shards_at(url)
     assert is_whole()
 
 
