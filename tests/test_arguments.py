@@ -117,7 +117,7 @@ MEANT = [
     (lambda ds, out: ibdata.export(ds, "minari", out, id=5), "id", "found 5, expected a text or None"),
     (lambda ds, out: ibdata.export(ds, "npz", 5), "out", "found 5, expected a text or a path"),
     (lambda ds, out: ibdata.open(5), "path", "found 5, expected a text or a path"),
-    (lambda ds, out: ibdata.quality(5), "ds", "found 5, expected a Dataset, a Selection, a text or a path"),
+    (lambda ds, out: ibdata.quality(5), "ds", "found 5, expected a Dataset, a text or a path"),
     (lambda ds, out: ibdata.merge("a", out), "folders", "found 'a', expected a list of texts or paths"),
     (lambda ds, out: ibdata.score_model(ds, 5), "model", "found 5, expected a function"),
     (

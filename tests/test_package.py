@@ -24,7 +24,7 @@ PACKAGE = ROOT / "ibdata"
 LONGEST = 350  # lines; most files have fewer than 200
 AT_THE_ROOT = "__init__ __main__ arguments errors published report testing variables version"
 NAMES = """
-Dataset Experiment IbdataError __version__ baselines difference estimate evaluate export finalize
+Dataset Experiment IbdataError __version__ baselines estimate evaluate export finalize
 generate importance load make merge noise_floor open quality repair reproduce save_network score_model split
 state_at true_values validate
 """

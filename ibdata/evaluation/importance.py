@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.dataset.dataset import Place, opened
+from ibdata.dataset.episodes import refuse_by_returns, refuse_empty
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.overlap import Ratios, log_ratios, parts_of, recorded_in, refuse_remembered_draws
@@ -142,8 +143,8 @@ def importance(
     evaluated = policy_of(target, history, allow_code)
     refuse_unused(history, [target])
     selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
-    selection.refuse_empty()
-    selection.refuse_by_returns()
+    refuse_empty(selection)
+    refuse_by_returns(selection)
     stored = selection.stored
     source = Source(stored, consented_spec(stored, allow_code))
     episodes = np.flatnonzero(selection.inside)

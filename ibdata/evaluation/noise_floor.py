@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.dataset.dataset import Place, opened
+from ibdata.dataset.episodes import refuse_by_returns
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns
 from ibdata.dynamics import Noise, State, Variant, step
@@ -94,7 +95,7 @@ def noise_floor(
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
     selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
-    selection.refuse_by_returns()
+    refuse_by_returns(selection)
     source = Source(selection.stored)
     names = ["episode", "step", *ACTIONS, "next_obs_setpoint"]
     moments = []

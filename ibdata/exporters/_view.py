@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset.dataset import BLOCK_ROWS, Dataset
+from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.digest import identity
+from ibdata.dataset.episodes import BLOCK_ROWS, refuse_empty
 from ibdata.dataset.transitions import arrays_of, left_out, needed, whole_episodes
 from ibdata.errors import UsageError
 from ibdata.numerics.naming import decimal
@@ -67,7 +68,7 @@ class View:
         self.clean = [x for x in options.columns(info.drifting) if x in options.imperfections.columns]
 
         self._needed = needed(info, options)
-        selection.refuse_empty()
+        refuse_empty(selection)
         self.table = selection.episodes  # one row per episode that is exported
         lengths: Array = self.table["length"].to_numpy() - left_out(info, options)
         self.lengths = lengths[lengths > 0]  # transitions per episode; one without any is not exported

@@ -14,8 +14,8 @@ from helpers.folders import is_right
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.system import part
-from ibdata.writing.edited import keep_all
 from ibdata.system.part import locked_part
+from ibdata.writing.edited import keep_all
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -184,7 +184,7 @@ def test_what_becomes_a_pipe_while_a_run_lasts_does_not_stop_it(monkeypatch, nam
         os.mkfifo(Path("out", name))
         return keep_all(*arguments)
 
-    monkeypatch.setattr("ibdata.generation.publish.keep_all", piped)
+    monkeypatch.setattr("ibdata.generation.build.keep_all", piped)
     with pytest.raises(ibdata.IbdataError, match="not a regular file"):
         replace()
     assert Path("out", name).is_fifo()

@@ -132,7 +132,6 @@ READING = {
     "validate": lambda place: list(map(str, ibdata.validate(place))),
     "reproduce": lambda place: ibdata.reproduce(place, 1)[1],
     "export": lambda place: ibdata.export(place, "npz", "out.npz", overwrite=True).left_out,
-    "difference": lambda place: ibdata.difference(place, "other"),
 }
 WRITING = {
     "split": lambda place: ibdata.split(place, "episode", fractions=(0.5, 0.5)),
@@ -157,7 +156,7 @@ def refused(use, place):
 @pytest.mark.parametrize("read", READING.values(), ids=READING)
 def test_a_plain_name_may_be_read_in_data(project, read):
     for name in ("mine", Path("a/b")):
-        assert not read(name)  # no split, no problem, no difference
+        assert not read(name)  # no split, no problem
 
 
 @pytest.mark.parametrize("place", ["../other", "a/../mine", "{}/mine"])

@@ -1,0 +1,234 @@
+"""A finished dataset, or some of its episodes: what it is, and which episodes are read."""
+
+from __future__ import annotations
+
+import copy
+import os
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+import pyarrow as pa
+
+from ibdata.arguments import public
+from ibdata.dataset.models import Statistic
+from ibdata.dataset.returns import Returns, behaviour_returns
+from ibdata.dataset.selection import Limits, Numbers, Policy, Setpoint, Split, in_splits, meeting
+from ibdata.dataset.splits import Splits, with_later
+from ibdata.dataset.stored import Mask, Stored
+from ibdata.dataset.tabular import ColumnStatistics, Table, as_html
+from ibdata.errors import UsageError, printable
+from ibdata.numerics.naming import counted, decimal
+from ibdata.system.storage import Storage, existing
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Some = TypeVar("Some", bound="Episodes")
+BLOCK_ROWS = 65_536
+
+
+class Episodes:
+    """The episodes of a dataset, or some of them, and what is known of the dataset; see `Dataset`."""
+
+    @public
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.stored = Stored.open(existing(path))
+        self.mask: Mask | None = None  # whether each episode is one of these; None for all of them
+        self.is_by_returns = False  # whether these were chosen by their returns
+
+    def __repr__(self) -> str:
+        of = "" if self.mask is None else "a selection of "
+        size = f"{counted(len(self), 'row')}, {counted(int(self.inside.sum()), 'episode')}"
+        return f"<ibdata.{type(self).__name__} {of}{printable(self.place)}: {size}>"
+
+    def _repr_html_(self) -> str:
+        episodes = self.episode_table
+        row = {
+            "dataset": self.stored.info.name,
+            "rows": len(self),
+            "episodes": len(episodes),
+            "policies": episodes["policy"].unique().to_pylist(),
+            "setpoints": [decimal(p) for p in episodes["setpoint"].unique().to_numpy()],
+            "content root": f"{self.content_root[:12]}…",
+            "in": self.place,
+        }
+        return as_html([Table(list(row), [list(row.values())]), *self.splits.tables()])
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __len__(self) -> int:
+        if self.mask is None:
+            return self.stored.manifest.rows
+        return int(self.stored.episodes["length"].to_numpy()[self.mask].sum())
+
+    @property
+    def storage(self) -> Storage:
+        """The files, by which it is a place. Raises UsageError for a selection, which has none of its own."""
+        refuse_selection(self)
+        return self.stored.storage
+
+    @property
+    def path(self) -> Path:
+        """The folder, from the root. Raises UsageError for a selection, and for a dataset at a URL."""
+        return self.storage.path
+
+    @property
+    def place(self) -> str:
+        """The folder of the dataset as it was given, or the URL without credentials."""
+        return self.stored.name
+
+    @property
+    def content_root(self) -> str:
+        """The hex SHA-256 of the dataset's content, which does not depend on files or encodings."""
+        return self.stored.manifest.content_root
+
+    @cached_property
+    def info(self) -> dict[str, Any]:
+        """meta/dataset.json: columns with roles, units and bounds; counts of the whole dataset."""
+        return self.stored.info.plain()
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """meta/manifest.json: experiments, shards, files with their SHA-256, content root, versions."""
+        return self.stored.manifest.plain()
+
+    @property
+    def splits(self) -> Splits:
+        """For each split its numbers of episodes and rows, and whether it is declared: of whole files."""
+        keys = {"episodes", "rows", "declared"}
+        return Splits({name: entry.model_dump(include=keys) for name, entry in self.stored.splits.items()})
+
+    @property
+    def inside(self) -> Mask:
+        """Whether each episode of the whole dataset is one of these, (episodes,)."""
+        return np.ones(len(self.stored.episodes), dtype=np.bool_) if self.mask is None else self.mask
+
+    @property
+    def episode_table(self) -> pa.Table:
+        """The episodes as an Arrow table, without later splits."""
+        table = self.stored.episodes
+        return table if self.mask is None else table.filter(self.mask)
+
+    @property
+    def episodes(self) -> pd.DataFrame:
+        """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
+        table = with_later(self.stored.episodes, self.stored.splits)
+        frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
+        return frame if self.mask is None else frame[self.mask]
+
+    @public
+    def select(
+        self: Some,
+        split: Split = None,
+        *,
+        setpoint: Setpoint = None,
+        policy: Policy = None,
+        episodes: Numbers = None,
+        returns: Limits = None,
+    ) -> Some:
+        """The episodes that meet all of these conditions.
+
+        They are read as those of the dataset: `ds.select("train").arrays()`. Functions that take the rows of
+        a dataset, such as `quality`, `importance` and `export`, take a selection too. It may be empty; only
+        reading no rows is an error.
+
+        Args:
+            split: In this split, or in one of these.
+            setpoint: At this setpoint, or at one of these; moving ones count by their first value.
+            policy: Of the policy with this label, or with one of these.
+            episodes: With this number, or with one of these, such as range(100).
+            returns: With an undiscounted return within (lowest, highest), both included; None for no limit.
+                `importance`, `noise_floor` and `score_model` refuse episodes that were chosen by it.
+                `importance`, `noise_floor` and `score_model` refuse episodes that were chosen by it.
+
+        Raises:
+            UsageError: The dataset has no such split, setpoint, policy or episode, or no limits are given.
+        """
+        conditions = (split, setpoint, policy, episodes, returns)
+        if all(condition is None for condition in conditions):
+            return self
+        selected = copy.copy(self)
+        selected.mask = self.inside & meeting(self.stored, *conditions)
+        selected.is_by_returns = self.is_by_returns or returns is not None
+        return selected
+
+    @public
+    def returns(self) -> Returns:
+        """The undiscounted returns of the behaviour, by policy and setpoint.
+
+        Returns:
+            `results`, a list of dicts with policy, setpoint, episodes, steps, mean_return, standard_error,
+            interval, mean_reward (per step) and reference_score; and `scale`, the meaning of the scores.
+            Scores exist for episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100,
+            from the starts default, uniform and {burn_in: [15, 64]}; for others, the score is None.
+
+        Raises:
+            UsageError: The selection is empty.
+            DatasetError: A file is missing or damaged.
+        """
+        return behaviour_returns(self._chosen().episode_table, self.stored.info)
+
+    @public
+    def statistics(self, split: Split = None) -> ColumnStatistics:
+        """Statistics of the float columns, which are read for all rows and for a declared split.
+
+        Those of later splits and of other selections are computed from the rows; quantiles of more than
+        50,000 rows are then those of a sample.
+
+        Args:
+            split: Only the rows of this split, or of these.
+
+        Returns:
+            For each column: count, mean, std, min, max, and quantiles by their probability, such as "0.5".
+
+        Raises:
+            UsageError: The dataset has no such split, or the selection is empty.
+            DatasetError: A file is missing or damaged.
+        """
+        columns = self._chosen(split)._statistics()
+        return ColumnStatistics((name, column.plain()) for name, column in columns.items())
+
+    def _statistics(self) -> dict[str, Statistic]:
+        stored, mask = self.stored, self.mask
+        if mask is None:
+            return stored.statistics.all
+        for name, entry in stored.splits.items():
+            if entry.declared and np.array_equal(mask, in_splits(stored, [name])):
+                return stored.statistics.splits[name]
+        from ibdata.dataset.statistics import of_batches  # compiles, which other readers do without
+
+        names = [column.name for column in stored.info.columns if column.dtype.startswith("float")]
+        return of_batches(stored.batches_of(mask, names, BLOCK_ROWS), names, len(self))
+
+    def _chosen(self: Some, split: Split = None, setpoint: Setpoint = None, policy: Policy = None) -> Some:
+        """A selection that is not empty. Raises UsageError if none of its episodes meets all conditions."""
+        chosen = self.select(split, setpoint=setpoint, policy=policy)
+        refuse_empty(chosen)
+        return chosen
+
+
+def refuse_empty(dataset: Episodes) -> None:
+    """Raise UsageError if there is no episode in it."""
+    if dataset.mask is not None and not dataset.mask.any():
+        raise UsageError(
+            "split, setpoint, policy, episodes, returns: found no episode that meets all, "
+            "expected at least one"
+        )
+
+
+def refuse_by_returns(dataset: Episodes) -> None:
+    """Raise UsageError if episodes were chosen by their returns, so that chance in them is not fair."""
+    if dataset.is_by_returns:
+        raise UsageError(
+            "returns: found episodes that were chosen by their returns, expected all, whatever came of "
+            "them: the chosen ones were lucky or unlucky; leave out returns"
+        )
+
+
+def refuse_selection(dataset: Episodes) -> None:
+    """Raise UsageError if it is only some episodes of the dataset."""
+    if dataset.mask is not None:
+        raise UsageError(f"{dataset.place}: found a selection of its episodes, expected the whole dataset")
