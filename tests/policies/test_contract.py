@@ -47,8 +47,11 @@ FITTING = {
 
 
 def at_both_ends():
-    """Policies of all kinds, each with one number at the end of its range, or just inside of an open end."""
-    for block in {block["kind"]: block for block in reversed(BLOCKS)}.values():
+    """Policies of all kinds, each with one number at the end of its range, or just inside of an open end.
+
+    Numbers of `custom` say only what a user's code is given.
+    """
+    for block in {block["kind"]: block for block in reversed(BLOCKS) if block["kind"] != "custom"}.values():
         for name, option in POLICIES[block["kind"]].model_fields.items():
             others = FITTING.get(name, {}) if block["kind"] == "multisine" else {}
             for end in option.metadata:
