@@ -18,7 +18,6 @@ from ibdata.measures.quality import MEANING, Quality
 from ibdata.measures.returns import ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
-from ibdata.writing.edited import sealed
 from ibdata.writing.metadata import info, splits, unread_shards
 from ibdata.writing.shard import WrittenShard
 
@@ -96,7 +95,7 @@ def card(
         *_columns(described),
         f"## How to cite\n\n{CITE}\n\n```bibtex\n{bibtex(spec.name, root, version)}\n```\n",
     )
-    return sealed("\n".join(parts).encode())
+    return "\n".join(parts).encode()
 
 
 def card_of(stored: Stored, spec: DatasetSpec, measured: Quality | None = None) -> bytes:
