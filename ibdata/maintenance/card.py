@@ -31,7 +31,7 @@ def card(folder: str | os.PathLike[str], overwrite: bool = False) -> list[Path]:
 
     Args:
         folder: The folder of the dataset.
-        overwrite: Whether to replace files with other content than ibdata writes, as somebody has edited them.
+        overwrite: Whether to replace files that somebody has edited.
 
     Returns:
         The files that were written.

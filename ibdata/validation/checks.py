@@ -75,7 +75,7 @@ def check_shard(
     except DatasetError as error:
         return None, [Problem.of(error, path, files.where(path), "parquet")]
     problems = broken.problems()
-    return (None if problems else summarizer.content()), problems
+    return (None if problems else summarizer.summary()), problems
 
 
 class _BrokenRules:
@@ -176,7 +176,7 @@ def metadata_problems(
     paths -= {path for path in paths if manifest.WEIGHTS.fullmatch(path)}  # whose names have their hash
     expected = dict(metadata_files(paths - set(() if are_all else NEED_CONTENT), spec, written))
     if manifest.CROISSANT in paths:
-        shards = metadata.unread_shards(spec, listed)
+        shards = [shard.path for shard in listed.shards]
         description = croissant(spec, shards, entries.values(), listed.content_root)
         expected[manifest.CROISSANT] = metadata.as_json(description)
     for path, data in expected.items():

@@ -5,6 +5,7 @@ What a manifest lists must follow from its experiments; `plan_problems` checks t
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import platform
@@ -15,6 +16,7 @@ from typing import Any
 import numba
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
@@ -60,10 +62,11 @@ def finish(
     entries = [w.entry for w in written]
     for path, data in metadata_files(metadata_paths(spec), spec, written, episodes):
         entries.append(write_new(folder, path, data, waits=False))
-    description = croissant(spec, written, entries, root)
+    paths = [w.entry.path for w in written]
+    description = croissant(spec, paths, entries, root)
     entries.append(write_new(folder, manifest.CROISSANT, metadata.as_json(description), waits=False))
     write_new(folder, manifest.SPLITS, metadata.splits_file(spec), waits=False)
-    write_new(folder, manifest.CARD, card(spec, written, root, episodes), waits=False)
+    write_new(folder, manifest.CARD, card(spec, paths, root, episodes), waits=False)
     listed = manifest.sealed(
         Manifest(
             format=manifest.FORMAT,
@@ -75,12 +78,8 @@ def finish(
             rows=spec.rows,
             clipped_actions=sum(w.content.clipped for w in written) if clipped is None else clipped,
             shards=[
-                ShardEntry(
-                    path=w.entry.path,
-                    content=content_of(w.content.digests),
-                    **planned_entry(spec, w.shard),
-                )
-                for w in written
+                ShardEntry(path=path, content=content_of(w.content.digests), **planned_entry(spec, w.shard))
+                for path, w in zip(paths, written, strict=True)
             ],
             files=[File(**entry._asdict()) for entry in entries],
             versions=versions(),
@@ -119,7 +118,9 @@ def metadata_files(
         yield INFO, metadata.as_json(metadata.info(spec))
     if EPISODES in paths:
         table = metadata.episodes_table(spec, written) if episodes is None else episodes
-        yield EPISODES, metadata.episodes_parquet(table)
+        out = io.BytesIO()
+        pq.write_table(table, out, compression="zstd", write_page_checksum=True)
+        yield EPISODES, out.getvalue()
     if STATISTICS in paths:
         yield STATISTICS, metadata.as_json(metadata.statistics(spec, written))
     for path, experiment in experiment_files(spec).items():
@@ -158,19 +159,14 @@ def versions() -> dict[str, str]:
 
 def root_of(spec: DatasetSpec, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
     """The content root of all shards in order, each with the digests of its episodes."""
-    return content_root(
-        ((c.name, c.dtype) for c in columns(spec.experiments[0])),
-        (episode for shard, digests in shards for episode in episode_addresses(spec, shard, digests)),
-    )
 
+    def addresses() -> Iterator[tuple[bytes, int, bytes]]:
+        for shard, digests in shards:
+            experiment = spec.of_shard(shard)
+            for i, digest in enumerate(digests, shard.first):
+                yield experiment.cell_of(i).digest, i % experiment.episodes, digest
 
-def episode_addresses(
-    spec: DatasetSpec, shard: Shard, digests: list[bytes]
-) -> Iterator[tuple[bytes, int, bytes]]:
-    """Cell, index in the cell and digest of each episode of a shard."""
-    experiment = spec.of_shard(shard)
-    for i, digest in enumerate(digests, shard.first):
-        yield experiment.cell_of(i).digest, i % experiment.episodes, digest
+    return content_root(((c.name, c.dtype) for c in columns(spec.experiments[0])), addresses())
 
 
 def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:

@@ -79,7 +79,7 @@ def test_a_card_that_becomes_a_pipe_while_a_run_lasts_is_not_lost(monkeypatch):
         return finish(*arguments)
 
     monkeypatch.setattr("ibdata.generation.build.finish", piped)
-    with pytest.raises(UsageError, match="README.md: found a file that is not the dataset's; move it away"):
+    with pytest.raises(UsageError, match=r"README.md: found a file that is not the dataset's; move it away"):
         replace()
     assert Path("out/README.md").is_fifo()
 
