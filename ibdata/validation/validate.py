@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Container, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
@@ -52,26 +53,18 @@ def validate(
         stored = Stored.open(place)
     except DatasetError as error:
         return Findings([Problem.of(error, manifest.PATH, place.where(manifest.PATH), "manifest")])
-    check = _quickly if quick else _fully
-    problems = Findings(check(stored, progress))
+    problems = Findings()
+    if quick:
+        with Hashing(stored) as files, bar(progress, len(stored.manifest.files), "files") as advance:
+            problems += files.problems(advance)
+        problems += [*unlisted_files(stored), *splits_problems(stored), *card_problems(stored)]
+    else:
+        with Hashing(stored) as files, bar(progress, stored.manifest.rows, "rows") as advance:
+            contents = list(_contents(stored, files, advance))
+            problems += files.problems()
+        problems += [*unlisted_files(stored), *card_problems(stored), *contents]
     stored.refuse_replaced()
     return problems
-
-
-def _quickly(stored: Stored, progress: bool | None) -> Iterator[Problem]:
-    with bar(progress, len(stored.manifest.files), "files") as advance:
-        yield from check_files(stored, advance)
-    yield from splits_problems(stored)
-    yield from card_problems(stored)
-
-
-def _fully(stored: Stored, progress: bool | None) -> Iterator[Problem]:
-    with Hashing(stored) as files, bar(progress, stored.manifest.rows, "rows") as advance:
-        contents = list(_contents(stored, files, advance))
-        yield from files.problems()
-    yield from unlisted_files(stored)
-    yield from card_problems(stored)
-    yield from contents
 
 
 def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Problem]:
@@ -107,13 +100,6 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
     yield from splits_problems(stored)
 
 
-def check_files(stored: Stored, advance: Advance) -> Iterator[Problem]:
-    """The listed files that are missing or changed, and files in `data` that are not listed."""
-    with Hashing(stored) as files:
-        yield from files.problems(advance)
-    yield from unlisted_files(stored)
-
-
 def changed_files(stored: Stored, paths: Container[str]) -> list[Problem]:
     """Those of these listed files that are missing or changed. Raises BusyError if a writer did it."""
     with Hashing(stored, paths) as files:
@@ -128,8 +114,10 @@ def unlisted_files(stored: Stored) -> Iterator[Problem]:
     known = stored.manifest.entries()
     for name in stored.storage.names("data"):
         path = f"data/{name.rstrip('/')}"
-        if path not in known and _is_read(name):
-            what = "folder" if name.endswith("/") else "file"
+        is_folder = name.endswith("/")
+        is_read = is_folder or not name.startswith(".") or name.lower().endswith(".parquet")
+        if is_read and path not in known:  # polars and duckdb read hidden files, too
+            what = "folder" if is_folder else "file"
             message = f"found a {what} that the manifest does not list; move it away"
             yield Problem(path, None, "file", message)
 
@@ -148,12 +136,7 @@ def remedy(stored: Stored) -> str:
     return "; ibdata repair makes it again" if stored.storage.url is None else ""
 
 
-def _is_read(name: str) -> bool:
-    """Whether a reader may take a file or folder of this name; polars and duckdb take hidden ones too."""
-    return not name.startswith(".") or name.lower().endswith(".parquet") or name.endswith("/")
-
-
-class Hashing:
+class Hashing(AbstractContextManager["Hashing"]):
     """A context in which threads compute the SHA-256 of listed files, by default of all."""
 
     def __init__(self, stored: Stored, paths: Container[str] | None = None) -> None:
@@ -162,9 +145,6 @@ class Hashing:
         self._todo = remedy(stored)
         self._threads = ThreadPoolExecutor(available_processors())  # hashing releases the interpreter's lock
         self._found = {path: self._threads.submit(storage.entry, path) for path in self._expected}
-
-    def __enter__(self) -> Hashing:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._threads.shutdown(cancel_futures=True)

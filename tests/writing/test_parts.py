@@ -98,7 +98,7 @@ def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
 
         return noted
 
-    monkeypatch.setattr(checks, "PART_ROWS", PART)
+    monkeypatch.setattr(checks, "PIECE_ROWS", PART)
     monkeypatch.setattr(columns, "Columns", seen(Columns))
     monkeypatch.setattr("ibdata.writing.columns.rollout", seen(rollout))
     for name, use in USES.items():
