@@ -168,13 +168,14 @@ def _repaired(
         whole.append(remade._replace(entry=remade.entry._replace(path=path)))
     whole.sort(key=lambda written: written.shard.number)
     entries |= {written.entry.path: written.entry for written in whole}
-    for path, data in metadata_files(broken, spec, whole):
-        entries[path] = write(folder, path, data)
+    for path, make in metadata_files(spec, whole).items():
+        if path in broken:
+            entries[path] = write(folder, path, make())
     is_changed = manifest.CROISSANT in broken or entries != stored.manifest.entries()
     if is_changed and manifest.CROISSANT in entries:
         paths = [shard.path for shard in stored.manifest.shards]
-        description = croissant(spec, paths, entries.values(), stored.manifest.content_root)
-        entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, metadata.as_json(description))
+        described = croissant(spec, paths, entries.values(), stored.manifest.content_root)
+        entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, described)
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         notice(f"{folder}: splits that were made later, if there were any, are lost; make them again")

@@ -25,10 +25,10 @@ from ibdata.experiment.yaml import Document
 from ibdata.system.progress import Advance, unseen
 from ibdata.system.storage import Storage, reason
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
-from ibdata.writing import metadata
 from ibdata.writing.columns import Piece, stored_pieces
 from ibdata.writing.croissant import croissant
-from ibdata.writing.finish import NEED_CONTENT, first_difference, metadata_files, metadata_paths
+from ibdata.writing.finish import NEED_CONTENT, first_difference, metadata_files
+from ibdata.writing.metadata import splits
 from ibdata.writing.shard import ShardSummarizer, ShardSummary, WrittenShard
 
 PIECE_ROWS = 100_000  # as a row group has, which then is a piece where it holds whole episodes
@@ -151,17 +151,17 @@ def metadata_problems(
         is_whole: Whether the file of a path has the SHA-256 that the manifest lists; others are passed over.
     """
     listed, are_all = stored.manifest, len(written) == len(spec.shards)
-    entries = listed.entries()
-    paths = {path for path in metadata_paths(spec) if path in entries and is_whole(path)}
-    paths -= {path for path in paths if manifest.WEIGHTS.fullmatch(path)}  # whose names have their hash
-    expected = dict(metadata_files(paths - set(() if are_all else NEED_CONTENT), spec, written))
-    if manifest.CROISSANT in paths:
-        shards = [shard.path for shard in listed.shards]
-        description = croissant(spec, shards, entries.values(), listed.content_root)
-        expected[manifest.CROISSANT] = metadata.as_json(description)
-    for path, data in expected.items():
+    entries, shard_paths = listed.entries(), [shard.path for shard in listed.shards]
+    makers = metadata_files(spec, written)
+    makers[manifest.CROISSANT] = lambda: croissant(spec, shard_paths, entries.values(), listed.content_root)
+    for path, make in makers.items():
+        is_known = are_all or path not in NEED_CONTENT
+        is_named_by_hash = manifest.WEIGHTS.fullmatch(path)
+        if path not in entries or not is_known or is_named_by_hash or not is_whole(path):
+            continue
+        expected = make()
         try:
-            message = first_difference(_facts(path, stored.read(path)), _facts(path, data))
+            message = first_difference(_facts(path, stored.read(path)), _facts(path, expected))
         except DatasetError as error:
             yield Problem.of(error, path, stored.storage.where(path), "metadata")
         except (ValueError, pa.ArrowException) as error:
@@ -187,7 +187,7 @@ def splits_problems(stored: Stored) -> Iterator[Problem]:
     """Check the splits, of which the manifest lists no SHA-256, because later ones are added to the file."""
     try:
         entries = stored.splits
-        expected = metadata.splits(spec_in(stored))
+        expected = splits(spec_in(stored))
     except DatasetError as error:
         yield Problem.of(error, manifest.SPLITS, stored.storage.where(manifest.SPLITS), "splits")
         return

@@ -15,7 +15,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.system.files import FileEntry
 from ibdata.version import DATE, __version__
 from ibdata.writing.card import ABOUT, KEYWORDS, bibtex, facts, how_to_make_again
-from ibdata.writing.metadata import info, splits
+from ibdata.writing.metadata import as_json, info, splits
 
 Json = dict[str, Any]
 
@@ -65,8 +65,8 @@ SPDX = re.compile(r"(?!LicenseRef-)[\w.-]+")  # an identifier, which has a page;
 USES = {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}
 
 
-def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEntry], root: str) -> Json:
-    """The description of a dataset as JSON.
+def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEntry], root: str) -> bytes:
+    """The bytes of croissant.json.
 
     Args:
         spec: The experiments and splits of the dataset; those of its splits that are labels have no files.
@@ -81,7 +81,7 @@ def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEnt
     ids = [file["@id"] for file in distribution]
     record_sets = [_record_set("rows", "files", columns, described=True)]
     record_sets += [_record_set(f"split/{name}", f"files/{name}", columns) for name in files]
-    return {
+    description = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": CONFORMS_TO,
@@ -116,6 +116,7 @@ def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEnt
         "distribution": distribution,
         "recordSet": [*record_sets, *_splits(spec)],
     }
+    return as_json(description)
 
 
 def _head(kind: str, name: str) -> Json:
