@@ -86,13 +86,13 @@ def check_shard(
 def _problems(path: str, broken: Iterable[tuple[str, Broken]]) -> list[Problem]:
     """A problem for each rule that is broken in a column, with the first row and the number of rows."""
     by_column: dict[tuple[str, str], Broken] = {}
-    for rule, (row, message, rows) in broken:
+    for rule, (row, message, count) in broken:
         column = message.partition(":")[0]
         first = by_column.get((rule, column), Broken(row, message, 0))
-        by_column[rule, column] = first._replace(rows=first.rows + rows)
+        by_column[rule, column] = first._replace(rows=first.rows + count)
     return [
-        Problem(path, row, rule, message + (f" ({rows} such rows)" if rows > 1 else ""))
-        for (rule, _), (row, message, rows) in by_column.items()
+        Problem(path, row, rule, message + (f" ({count} such rows)" if count > 1 else ""))
+        for (rule, _), (row, message, count) in by_column.items()
     ]
 
 

@@ -69,20 +69,18 @@ def validate(
 
 def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Problem]:
     """The problems with what whole files hold."""
-    manifest_model = stored.manifest
+    listed = stored.manifest
     try:
         spec = declared_spec(stored)
     except DatasetError as error:
         yield Problem.of(error, manifest.PATH, stored.storage.where(manifest.PATH), "manifest")
         return
-    plan = [
-        Problem(manifest.PATH, None, rule, message) for rule, message in plan_problems(spec, manifest_model)
-    ]
+    plan = [Problem(manifest.PATH, None, rule, message) for rule, message in plan_problems(spec, listed)]
     yield from plan
     if any(problem.rule in ("experiments", "files") for problem in plan):
         return
-    entries, written = manifest_model.entries(), list[WrittenShard]()
-    for shard, one in zip(spec.shards, manifest_model.shards, strict=True):
+    entries, written = listed.entries(), list[WrittenShard]()
+    for shard, one in zip(spec.shards, listed.shards, strict=True):
         summary, problems = check_shard(spec, shard, stored.storage, one.path, advance)
         if not files.is_whole(one.path):  # asked now, so that the file is hashed meanwhile
             continue
@@ -93,8 +91,8 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
                 yield Problem(one.path, None, "digest", "found other content than the manifest lists")
     if len(written) == len(spec.shards):
         root = root_of(spec, ((w.shard, w.content.digests) for w in written))
-        if root != manifest_model.content_root:
-            message = f"found {manifest_model.content_root}, expected {root}"
+        if root != listed.content_root:
+            message = f"found {listed.content_root}, expected {root}"
             yield Problem(manifest.PATH, None, "content root", message)
     yield from metadata_problems(stored, spec, written, files.is_whole)
     yield from splits_problems(stored)

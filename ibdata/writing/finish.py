@@ -149,14 +149,12 @@ def versions() -> dict[str, str]:
 
 def root_of(spec: DatasetSpec, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
     """The content root of all shards in order, each with the digests of its episodes."""
-
-    def addresses() -> Iterator[tuple[bytes, int, bytes]]:
-        for shard, digests in shards:
-            experiment = spec.of_shard(shard)
-            for i, digest in enumerate(digests, shard.first):
-                yield experiment.cell_of(i).digest, i % experiment.episodes, digest
-
-    return content_root(((c.name, c.dtype) for c in columns(spec.experiments[0])), addresses())
+    addresses = []
+    for shard, digests in shards:
+        experiment = spec.of_shard(shard)
+        for i, digest in enumerate(digests, shard.first):
+            addresses.append((experiment.cell_of(i).digest, i % experiment.episodes, digest))
+    return content_root(((c.name, c.dtype) for c in columns(spec.experiments[0])), addresses)
 
 
 def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
