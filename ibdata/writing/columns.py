@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset.digest import Run, text
+from ibdata.dataset.digest import Values, episode_digests, text
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column, columns, layout
@@ -54,13 +54,13 @@ class Piece(NamedTuple):
         arrays["policy"] = arrow_texts(np.repeat(policies, self.experiment.steps), self.experiment.labels)
         return pa.table([arrays[c.name] for c in described], schema=arrow_schema(described))
 
-    def digest_columns(self) -> list[Run]:
-        """The columns except `episode`, in the form that `digest.episode_digests` takes."""
+    def digests(self) -> list[bytes]:
+        """The digests of the episodes."""
         texts = [text(label) for label in self.experiment.labels]
         indices = index_columns(self.experiment, self.episodes)
-        others: dict[str, Run] = {name: values.reshape(1, -1) for name, values in indices.items()}
+        others: dict[str, Values] = {name: values.reshape(1, -1) for name, values in indices.items()}
         others["policy"] = [texts[i] for i in policy_numbers(self.experiment, self.episodes).tolist()]
-        found: list[Run] = []
+        found: list[Values] = []
         first = 0
         names = [column.name for column in columns(self.experiment)[1:]]
         for are_floats, neighbours in groupby(names, lambda name: name not in others):
@@ -70,7 +70,7 @@ class Piece(NamedTuple):
                 first = stop
             else:
                 found += [others[name] for name in neighbours]
-        return found
+        return episode_digests(found, [self.experiment.steps] * (self.episodes.stop - self.episodes.first))
 
 
 def simulated(spec: DatasetSpec, shard: Shard, memory: TableBuffer | None = None) -> Iterator[Piece]:

@@ -22,7 +22,6 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow.parquet as pq
 
-from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
 from ibdata.experiment.columns import columns, layout
@@ -71,9 +70,8 @@ class ShardSummarizer:
     def add(self, piece: Piece) -> Moments:
         """Add the next episodes of the shard; return the moments of their columns."""
         names, table, clipped = piece.floats
-        steps, episodes = self.experiment.steps, piece.episodes
-        self._digests += episode_digests(piece.digest_columns(), [steps] * (episodes.stop - episodes.first))
-        self._returns.append(sums(table[names.index("reward")], steps))
+        self._digests += piece.digests()
+        self._returns.append(sums(table[names.index("reward")], self.experiment.steps))
         self._clipped += clipped
         return self._statistics.add(table)
 
