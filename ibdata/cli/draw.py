@@ -40,8 +40,9 @@ def plot_command(
 
 @click.command("card")
 @folder_argument
+@click.option("--overwrite", is_flag=True, help="Replace what has been edited.")
 @prints_result
-def card_command(folder: Path) -> Printed:
+def card_command(folder: Path, overwrite: bool) -> Printed:
     """Write a dataset's card (README.md) and its report (report.html).
 
     The report shows pictures, returns, statistics, experiment and provenance in one file, which needs no
@@ -52,6 +53,6 @@ def card_command(folder: Path) -> Printed:
     """
     from ibdata.maintenance.card import card
 
-    written = card(folder)
+    written = card(folder, overwrite)
     files = [path.name for path in written]
     return Printed({"path": str(folder), "files": files}, lines(written))

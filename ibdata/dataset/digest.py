@@ -15,10 +15,10 @@ from typing import Any
 import numpy.typing as npt
 import pyarrow as pa
 
-Run = npt.NDArray[Any] | list[bytes]
+Values = npt.NDArray[Any] | list[bytes]
 
 
-def episode_digests(runs: list[Run], lengths: list[int]) -> list[bytes]:
+def episode_digests(runs: list[Values], lengths: list[int]) -> list[bytes]:
     """The digests of whole episodes.
 
     Args:

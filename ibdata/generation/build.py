@@ -30,7 +30,6 @@ from ibdata.policies.live import without_runs
 from ibdata.system.files import keep_access, part_of, paths_in, remove, sync_all
 from ibdata.system.part import RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
 from ibdata.system.signals import ignore
-from ibdata.writing.edited import EDITABLE, is_users, keep_all
 from ibdata.writing.finish import finish
 from ibdata.writing.shard import DATASET, WrittenShard, all_written, has_size, is_whole, read_receipt
 
@@ -231,8 +230,9 @@ class Build:
                 file.unlink()
         finish(self.spec, written, folder, record.reproducible, record.code, record.clipped)
         if not self.is_there():  # somebody may have put files there meanwhile
-            if self._path.is_dir():
-                _keep(self._path, folder)
+            for path in [folder, *folder.rglob("*")]:  # as those of the dataset that is replaced
+                old = self._path / path.relative_to(folder)
+                keep_access(old if path.is_dir() else self._path / manifest.PATH, path)
             sync_all(folder)
             record.model_copy(update={"manifest": _checksum(folder)}).write(self.run)
             ignore()  # a run that has published is finished, and not stopped
@@ -308,13 +308,13 @@ def _refuse_files(folder: Path, listed: Manifest) -> None:
 
 
 def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
-    """What is in a dataset's folder that is neither the dataset's nor a file that a user may edit."""
-    known = {*listed.entries(), manifest.PATH, manifest.SPLITS, *EDITABLE}
+    """What is in a dataset's folder that is not the dataset's."""
+    known = {*listed.entries(), manifest.PATH, manifest.SPLITS, manifest.CARD, manifest.REPORT}
     known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
     for path in paths_in(folder):
         if path.name in ("data", "meta") and path.is_dir():
             yield from (inner for inner in paths_in(path) if f"{path.name}/{inner.name}" not in known)
-        elif not path.is_file() or not (path.name in known or is_users(path.name)):
+        elif not path.is_file() or path.name not in known:
             yield path
 
 
@@ -323,10 +323,3 @@ def _checksum(folder: Path) -> str | None:
         return manifest.read(folder).checksum
     except DatasetError:
         return None
-
-
-def _keep(old: Path, new: Path) -> None:
-    """Keep the mode and the group of a folder that is replaced, and what somebody has edited in it."""
-    for path in [new, *new.rglob("*")]:
-        keep_access(old / path.relative_to(new) if path.is_dir() else old / manifest.PATH, path)
-    keep_all(old, new)

@@ -19,8 +19,8 @@ from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.process import Process, Progress, Worker
 from ibdata.system.processes import available_processors
 from ibdata.system.signals import check, held
-from ibdata.writing.columns import simulated
-from ibdata.writing.shard import DATASET, shard_writer, write_receipt
+from ibdata.writing.columns import Piece, simulated
+from ibdata.writing.shard import DATASET, write_receipt, write_shard
 
 ENGINES = ("local", "ray")
 MAX_WORKERS = 1024
@@ -181,13 +181,14 @@ def make_shard(
     memory = None
     if not overlap:  # a piece is written before the next is simulated
         memory = _of_thread.memory = getattr(_of_thread, "memory", None) or TableBuffer()
-    with shard_writer(spec, shard, root / DATASET, overlap) as writer:
+
+    def pieces() -> Iterator[Piece]:
         for piece in simulated(spec, shard, memory):
             if stopped is not None and stopped.is_set():
                 raise Stopped
-            writer.add(piece)
             rows = (piece.episodes.stop - shard.first) * piece.experiment.steps
+            yield piece
             del piece  # so that it is not in memory beside the next
             progress(rows)
-        written = writer.finish()
-    write_receipt(root, written)
+
+    write_receipt(root, write_shard(spec, shard, pieces(), root / DATASET, overlap))

@@ -3,40 +3,42 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
 from ibdata.dataset.dataset import to_write
-from ibdata.errors import notice
+from ibdata.errors import UsageError, notice
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.measures.quality import quality
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
-from ibdata.system.files import write
+from ibdata.system.files import plain_bytes, write
 from ibdata.system.part import locked_part, resolved
 from ibdata.system.storage import local
 from ibdata.writing.card import card_of
-from ibdata.writing.edited import keep_edited, sealed
 from ibdata.writing.finish import refuse_other_plan
 
 
 @public
-def card(folder: str | os.PathLike[str]) -> list[Path]:
+def card(folder: str | os.PathLike[str], overwrite: bool = False) -> list[Path]:
     """Write the card README.md and the report report.html of a dataset.
 
     The report shows pictures, returns, statistics, experiment and provenance in one file that needs no
-    network. The same dataset gives the same bytes. What somebody has edited is kept, as README.md.old.
-    Without matplotlib only README.md is written, and a line on stderr says what to install.
+    network. The same dataset gives the same bytes. Without matplotlib only README.md is written, and a line
+    on stderr says what to install.
 
     Args:
         folder: The folder of the dataset.
+        overwrite: Whether to replace files that somebody has edited.
 
     Returns:
         The files that were written.
 
     Raises:
         DatasetError: There is no finished dataset.
+        UsageError: A file has been edited; nothing is changed.
         BusyError: Another process writes to the dataset.
         IbdataError: The system refuses to write; nothing is changed.
     """
@@ -45,19 +47,31 @@ def card(folder: str | os.PathLike[str]) -> list[Path]:
     spec = spec_in(dataset.stored)
     refuse_other_plan(spec, dataset.stored.manifest)
     measured = quality(dataset)  # before the lock, as the pictures: it may take minutes
-    report = why = None
+    texts = {manifest.CARD: card_of(dataset.stored, spec, measured)}
+    why = ""
     try:
-        report = page(dataset, spec, drawn(dataset), measured)
+        texts[manifest.REPORT] = page(dataset, spec, drawn(dataset), measured)
     except ImportError as error:  # no matplotlib
-        why = str(error)
-    text = card_of(dataset.stored, spec, measured)
+        why = f"{manifest.REPORT} is not written: {error}"
+    own = {*texts.values(), card_of(dataset.stored, replace(spec, later={})), card_of(dataset.stored, spec)}
     with locked_part(resolved(path), path):
         dataset.stored.refuse_replaced()
-        keep_edited(manifest.CARD, path, path)
-        write(path, manifest.CARD, text)
-        if report is None:
-            notice(f"{manifest.REPORT} is not written: {why}")
-            return [path / manifest.CARD]
-        keep_edited(manifest.REPORT, path, path)
-        write(path, manifest.REPORT, sealed(report))
-    return [path / manifest.CARD, path / manifest.REPORT]
+        for name in texts:
+            _refuse_edited(path / name, own, overwrite)
+        for name, text in texts.items():
+            write(path, name, text)
+    if why:
+        notice(why)
+    return [path / name for name in texts]
+
+
+def _refuse_edited(file: Path, own: set[bytes], overwrite: bool) -> None:
+    """Raise UsageError if a file is there that may not be replaced, because its text is not ibdata's own."""
+    if not os.path.lexists(file):
+        return
+    try:
+        text = plain_bytes(file)
+    except OSError as error:
+        raise UsageError(f"{file}: cannot be replaced: {error.strerror}; move it away") from None
+    if text not in own and not overwrite:
+        raise UsageError(f"{file}: found other text than ibdata writes now; --overwrite to replace it")

@@ -27,7 +27,7 @@ from ibdata.writing import metadata
 from ibdata.writing.card import card_of
 from ibdata.writing.croissant import croissant
 from ibdata.writing.finish import NEED_CONTENT, metadata_files, refuse_other_plan, rewritten_manifest
-from ibdata.writing.shard import DATASET, UNREAD, WrittenShard, all_written, content_of
+from ibdata.writing.shard import DATASET, WrittenShard, all_written, content_of
 
 REPAIR = "repair"  # the folder of a part in which shards are made again
 
@@ -161,45 +161,46 @@ def _repaired(
 ) -> dict[str, FileEntry]:
     """Repair the broken files; return the entries that the manifest is to have."""
     folder, entries = stored.storage.path, stored.manifest.entries()
-    written = _checked_shards(stored, spec, broken)
-    wrong = [shard for shard, checked in zip(spec.shards, written, strict=True) if checked is None]
-    for shard in remaking.make(wrong, stored):
-        path = stored.shard(shard.shard.number).path
-        _move(remaking.root / DATASET / shard.entry.path, folder / path)
-        written[shard.shard.number] = shard._replace(entry=shard.entry._replace(path=path))
-    whole = [shard for shard in written if shard is not None]
-    entries |= {shard.entry.path: shard.entry for shard in whole}
-    for path, data in metadata_files(broken, spec, whole):
-        entries[path] = write(folder, path, data)
+    whole, wrong = _checked_shards(stored, spec, broken)
+    for remade in remaking.make(wrong, stored):
+        path = stored.shard(remade.shard.number).path
+        _move(remaking.root / DATASET / remade.entry.path, folder / path)
+        whole.append(remade._replace(entry=remade.entry._replace(path=path)))
+    whole.sort(key=lambda written: written.shard.number)
+    entries |= {written.entry.path: written.entry for written in whole}
+    for path, make in metadata_files(spec, whole).items():
+        if path in broken:
+            entries[path] = write(folder, path, make())
     is_changed = manifest.CROISSANT in broken or entries != stored.manifest.entries()
     if is_changed and manifest.CROISSANT in entries:
-        description = croissant(spec, whole, entries.values(), stored.manifest.content_root)
-        entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, metadata.as_json(description))
+        paths = [shard.path for shard in stored.manifest.shards]
+        described = croissant(spec, paths, entries.values(), stored.manifest.content_root)
+        entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, described)
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         notice(f"{folder}: splits that were made later, if there were any, are lost; make them again")
     return entries
 
 
-def _checked_shards(stored: Stored, spec: DatasetSpec, broken: list[str]) -> list[WrittenShard | None]:
-    """The shards as they are; None for those with other content than the manifest lists.
+def _checked_shards(
+    stored: Stored, spec: DatasetSpec, broken: list[str]
+) -> tuple[list[WrittenShard], list[Shard]]:
+    """The shards that have the content which the manifest lists, and those that have another.
 
-    Their rows are read only where that is needed.
+    Their rows are read only where that is needed; a shard that need not be read is in neither list.
     """
     are_read, entries = not set(broken).isdisjoint(NEED_CONTENT), stored.manifest.entries()
-    shards: list[WrittenShard | None] = []
-    for shard, shard_entry in zip(spec.shards, stored.manifest.shards, strict=True):
-        entry = entries[shard_entry.path]
-        if not (are_read or shard_entry.path in broken):
-            shards.append(WrittenShard(shard, entry, UNREAD))
-            continue
-        content, _ = check_shard(spec, shard, stored.storage, shard_entry.path)
-        if content is None or content_of(content.digests) != shard_entry.content:
-            shards.append(None)
-        else:
-            shards.append(WrittenShard(shard, stored.storage.entry(shard_entry.path) or entry, content))
-        check()
-    return shards
+    whole, wrong = list[WrittenShard](), list[Shard]()
+    for shard, listed in zip(spec.shards, stored.manifest.shards, strict=True):
+        if are_read or listed.path in broken:
+            content, _ = check_shard(spec, shard, stored.storage, listed.path)
+            if content is None or content_of(content.digests) != listed.content:
+                wrong.append(shard)
+            else:
+                entry = stored.storage.entry(listed.path) or entries[listed.path]
+                whole.append(WrittenShard(shard, entry, content))
+            check()
+    return whole, wrong
 
 
 def _warm_up(spec: DatasetSpec) -> None:

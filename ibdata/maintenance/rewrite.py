@@ -24,7 +24,7 @@ from ibdata.system.storage import refuse_url
 from ibdata.writing import metadata
 from ibdata.writing.columns import BATCH_ROWS, Piece, stored_pieces
 from ibdata.writing.finish import refuse_other_plan
-from ibdata.writing.shard import DATASET, WrittenShard, shard_writer, write_receipt
+from ibdata.writing.shard import DATASET, write_receipt, write_shard
 
 
 class Source(NamedTuple):
@@ -68,11 +68,10 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
 
 def _copy(build: Build, shard: Shard, source: Source) -> None:
     """Copy a shard's episodes from a source, check that they are those that it lists, and write a receipt."""
-    with shard_writer(build.spec, shard, build.run / DATASET) as writer:
-        for piece in _pieces(build.spec, shard, source):
-            writer.add(piece)
-        written = writer.finish()
-        _refuse_changed(written, source)
+    written = write_shard(build.spec, shard, _pieces(build.spec, shard, source), build.run / DATASET)
+    first, count = source.first + shard.first, shard.stop - shard.first
+    if written.content.digests != source.dataset.stored.episodes["digest"].slice(first, count).to_pylist():
+        raise _changed(source)
     write_receipt(build.run, written)
 
 
@@ -94,12 +93,6 @@ def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[p
         if low < high:
             start, end = ((episode - entry.episodes[0]) * steps for episode in (low, high))
             yield from source.dataset.stored.batches(number, names, BATCH_ROWS, start, end)
-
-
-def _refuse_changed(w: WrittenShard, source: Source) -> None:
-    first, count = source.first + w.shard.first, w.shard.stop - w.shard.first
-    if w.content.digests != source.dataset.stored.episodes["digest"].slice(first, count).to_pylist():
-        raise _changed(source)
 
 
 def _changed(source: Source) -> DatasetError:

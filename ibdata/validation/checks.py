@@ -18,20 +18,20 @@ from ibdata.dataset.statistics import Moments
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
-from ibdata.experiment.columns import Column, columns
+from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.plan import Shard
 from ibdata.experiment.yaml import Document
 from ibdata.system.progress import Advance, unseen
 from ibdata.system.storage import Storage, reason
 from ibdata.validation.rules import RULES, Broken, Problem, Rows, nulls
-from ibdata.writing import metadata
 from ibdata.writing.columns import Piece, stored_pieces
 from ibdata.writing.croissant import croissant
-from ibdata.writing.finish import NEED_CONTENT, first_difference, metadata_files, metadata_paths
+from ibdata.writing.finish import NEED_CONTENT, first_difference, metadata_files
+from ibdata.writing.metadata import splits
 from ibdata.writing.shard import ShardSummarizer, ShardSummary, WrittenShard
 
-PART_ROWS = 100_000  # as a row group has, which then is a part where it holds whole episodes
+PIECE_ROWS = 100_000  # as a row group has, which then is a piece where it holds whole episodes
 
 
 def check_shard(
@@ -48,91 +48,81 @@ def check_shard(
         shard: The shard.
         files: The files of the dataset.
         path: The path of the shard's file in it.
-        advance: Called with the number of rows of each part.
+        advance: Called with the number of rows of each piece.
 
     Returns:
         The summary of the rows, or None if they break a rule or cannot be read; and the problems.
     """
-    experiment, summarizer, broken = spec.of_shard(shard), ShardSummarizer(spec, shard), _BrokenRules(path)
+    experiment, summarizer = spec.of_shard(shard), ShardSummarizer(spec, shard)
+    broken: list[tuple[str, Broken]] = []
     try:
         schema, rows = parquet.described(files, path)
-        expected = (shard.stop - shard.first) * experiment.steps
-        if wrong := _schema(schema, columns(experiment)):
-            return None, [Problem(path, None, "schema", wrong)]
-        if rows != expected:
-            message = f"found {rows}, expected {expected} rows of whole episodes"
+        found_columns = [(field.name, parquet.plain_type(field.type)) for field in schema]
+        expected_columns = [(column.name, column.dtype) for column in columns(experiment)]
+        for found, expected in zip_longest(found_columns, expected_columns):
+            if found != expected:
+                message = f"found column {found}, expected {expected}"
+                return None, [Problem(path, None, "schema", message)]
+        expected_rows = (shard.stop - shard.first) * experiment.steps
+        if rows != expected_rows:
+            message = f"found {rows}, expected {expected_rows} rows of whole episodes"
             return None, [Problem(path, None, "rows", message)]
-        batches = parquet.batches(files, path, None, PART_ROWS, threads=False)
-        with ThreadPoolExecutor(1) as checking:  # while the next part is read
-            before: Future[None] | None = None
-            for piece in stored_pieces(spec, shard, batches, PART_ROWS):
+        batches = parquet.batches(files, path, None, PIECE_ROWS, threads=False)
+        with ThreadPoolExecutor(1) as checking:  # while the next piece is read
+            before: Future[list[tuple[str, Broken]]] | None = None
+            for piece in stored_pieces(spec, shard, batches, PIECE_ROWS):
                 if before:
-                    before.result()
-                before = checking.submit(_check, experiment, shard, piece, summarizer, broken)
+                    broken += before.result()
+                before = checking.submit(_broken_rules, shard, piece, summarizer)
                 advance((piece.episodes.stop - piece.episodes.first) * experiment.steps)
             if before:
-                before.result()
+                broken += before.result()
     except DatasetError as error:
         return None, [Problem.of(error, path, files.where(path), "parquet")]
-    problems = broken.problems()
-    return (None if problems else summarizer.content()), problems
+    problems = _problems(path, broken)
+    return (None if problems else summarizer.summary()), problems
 
 
-class _BrokenRules:
-    """The broken rules of a shard. Parts that break the same rule in the same column make one problem."""
-
-    def __init__(self, path: str) -> None:
-        self._path = path
-        self._broken: dict[tuple[str, str], Broken] = {}
-
-    def add(self, rule: str, row: int, broken: Iterable[Broken]) -> None:
-        """Add what breaks a rule in the part that begins at row `row` of the shard."""
-        for rule_broken in broken:
-            key = (rule, rule_broken.message.partition(":")[0])
-            first = self._broken.get(key, Broken(row + rule_broken.row, rule_broken.message, 0))
-            self._broken[key] = first._replace(rows=first.rows + rule_broken.rows)
-
-    def problems(self) -> list[Problem]:
-        """The problems, rule by rule."""
-        return [
-            Problem(self._path, row, rule, message + (f" ({count} such rows)" if count > 1 else ""))
-            for (rule, _), (row, message, count) in self._broken.items()
-        ]
+def _problems(path: str, broken: Iterable[tuple[str, Broken]]) -> list[Problem]:
+    """A problem for each rule that is broken in a column, with the first row and the number of rows."""
+    by_column: dict[tuple[str, str], Broken] = {}
+    for rule, (row, message, count) in broken:
+        column = message.partition(":")[0]
+        first = by_column.get((rule, column), Broken(row, message, 0))
+        by_column[rule, column] = first._replace(rows=first.rows + count)
+    return [
+        Problem(path, row, rule, message + (f" ({count} such rows)" if count > 1 else ""))
+        for (rule, _), (row, message, count) in by_column.items()
+    ]
 
 
-def _check(
-    experiment: Experiment,
-    shard: Shard,
-    piece: Piece,
-    summarizer: ShardSummarizer,
-    broken: _BrokenRules,
-) -> None:
-    """Add a part to the summary, and the rules that it breaks to those found."""
-    first = row = (piece.episodes.first - shard.first) * experiment.steps
-    whole = True
+def _broken_rules(shard: Shard, piece: Piece, summarizer: ShardSummarizer) -> list[tuple[str, Broken]]:
+    """The rules that a piece breaks, at rows of the shard. If no value is missing, it is summarized."""
+    first = row = (piece.episodes.first - shard.first) * piece.experiment.steps
+    broken: list[tuple[str, Broken]] = []
     for batch in piece.others:
-        missing = list(nulls(batch))
-        broken.add("nulls", row, missing)
-        whole, row = whole and not missing, row + batch.num_rows
-    if whole:
-        rows = _rows(experiment, piece, summarizer.add(piece))
+        broken += [("nulls", each._replace(row=row + each.row)) for each in nulls(batch)]
+        row += batch.num_rows
+    if not broken:
+        rows = _rows(piece, summarizer.add(piece))
         for name, rule in RULES.items():
-            broken.add(name, first, rule(rows))
+            broken += [(name, each._replace(row=first + each.row)) for each in rule(rows)]
+    return broken
 
 
-def _rows(experiment: Experiment, piece: Piece, described: Moments) -> Rows:
+def _rows(piece: Piece, moments: Moments) -> Rows:
     columns_by_name = dict(zip(piece.floats.names, piece.floats.table, strict=True))
     for name in ("episode", "step", "terminated", "truncated"):
         columns_by_name[name] = pa.chunked_array([batch[name] for batch in piece.others]).to_numpy()
     columns_by_name["policy"] = np.concatenate(
-        [_labels(batch["policy"], experiment.labels) for batch in piece.others]
+        [_labels(batch["policy"], piece.experiment.labels) for batch in piece.others]
     )
     ranges = {
-        name: (float(described.low[i]), float(described.high[i]))
+        name: (float(moments.low[i]), float(moments.high[i]))
         for i, name in enumerate(piece.floats.names)
-        if described.counts[i] == described.rows
+        if moments.counts[i] == moments.rows
     }
-    return Rows(experiment, piece.episodes, columns(experiment), columns_by_name, ranges)
+    return Rows(piece.experiment, piece.episodes, columns(piece.experiment), columns_by_name, ranges)
 
 
 def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
@@ -144,16 +134,6 @@ def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
     number = pc.fill_null(pc.index_in(column.dictionary.cast(pa.string()), value_set=texts), -1).to_numpy()
     numbers_of_rows: npt.NDArray[np.int32] = number[column.indices.to_numpy()]
     return numbers_of_rows
-
-
-def _schema(schema: pa.Schema, expected: list[Column]) -> str | None:
-    """Describe the first column whose name or type is not the expected one, if there is one."""
-    pairs = zip_longest(
-        [(field.name, parquet.plain_type(field.type)) for field in schema],
-        [(c.name, c.dtype) for c in expected],
-    )
-    wrong = next((pair for pair in pairs if pair[0] != pair[1]), None)
-    return f"found column {wrong[0]}, expected {wrong[1]}" if wrong else None
 
 
 def metadata_problems(
@@ -171,17 +151,17 @@ def metadata_problems(
         is_whole: Whether the file of a path has the SHA-256 that the manifest lists; others are passed over.
     """
     listed, are_all = stored.manifest, len(written) == len(spec.shards)
-    entries = listed.entries()
-    paths = {path for path in metadata_paths(spec) if path in entries and is_whole(path)}
-    paths -= {path for path in paths if manifest.WEIGHTS.fullmatch(path)}  # whose names have their hash
-    expected = dict(metadata_files(paths - set(() if are_all else NEED_CONTENT), spec, written))
-    if manifest.CROISSANT in paths:
-        shards = metadata.unread_shards(spec, listed)
-        description = croissant(spec, shards, entries.values(), listed.content_root)
-        expected[manifest.CROISSANT] = metadata.as_json(description)
-    for path, data in expected.items():
+    entries, shard_paths = listed.entries(), [shard.path for shard in listed.shards]
+    makers = metadata_files(spec, written)
+    makers[manifest.CROISSANT] = lambda: croissant(spec, shard_paths, entries.values(), listed.content_root)
+    for path, make in makers.items():
+        is_known = are_all or path not in NEED_CONTENT
+        is_named_by_hash = manifest.WEIGHTS.fullmatch(path)
+        if path not in entries or not is_known or is_named_by_hash or not is_whole(path):
+            continue
+        expected = make()
         try:
-            message = first_difference(_facts(path, stored.read(path)), _facts(path, data))
+            message = first_difference(_facts(path, stored.read(path)), _facts(path, expected))
         except DatasetError as error:
             yield Problem.of(error, path, stored.storage.where(path), "metadata")
         except (ValueError, pa.ArrowException) as error:
@@ -207,10 +187,10 @@ def splits_problems(stored: Stored) -> Iterator[Problem]:
     """Check the splits, of which the manifest lists no SHA-256, because later ones are added to the file."""
     try:
         entries = stored.splits
-        expected = metadata.splits(spec_in(stored))
+        expected = splits(spec_in(stored))
     except DatasetError as error:
         yield Problem.of(error, manifest.SPLITS, stored.storage.where(manifest.SPLITS), "splits")
         return
-    plain, expected_plain = ({name: entry.plain() for name, entry in x.items()} for x in (entries, expected))
-    if message := first_difference(plain, expected_plain):
+    found, wanted = ({name: entry.plain() for name, entry in x.items()} for x in (entries, expected))
+    if message := first_difference(found, wanted):
         yield Problem(manifest.SPLITS, None, "splits", message)

@@ -38,8 +38,8 @@ class Problem(NamedTuple):
         return cls(path, None, rule, message)
 
     def __str__(self) -> str:
-        place = self.path if self.row is None else f"{self.path}: row {self.row}"
-        return f"{place}: {self.rule}: {self.message}"
+        row = "" if self.row is None else f": row {self.row}"
+        return f"{self.path}{row}: {self.rule}: {self.message}"
 
 
 class Findings(Tabular, list[Problem]):
@@ -65,19 +65,15 @@ class Rows(NamedTuple):
     """Consecutive whole episodes of a shard."""
 
     experiment: Experiment
-    part: Shard
+    episodes: Shard
     described: list[Column]
     columns: dict[str, Array]  # (rows,) each; a policy is the number of its label in the experiment
     ranges: dict[str, tuple[float, float]]  # least and greatest value of each float column that is finite
 
-    def group(self, role: str) -> list[str]:
-        """The names of the columns with a role."""
-        return [column.name for column in self.described if column.role == role]
-
-    def stack(self, role: str, part: slice) -> Array:
-        """Some rows of the columns with a role, as float32 (rows, columns)."""
-        names = self.group(role)
-        return np.stack([self.columns[name][part] for name in names], axis=1, dtype=np.float32)
+    def stack(self, role: str) -> Array:
+        """The columns with a role, as float32 (episodes, steps, columns)."""
+        columns = [self.columns[column.name] for column in self.described if column.role == role]
+        return np.stack(columns, axis=1, dtype=np.float32).reshape(-1, self.experiment.steps, len(columns))
 
     def changed(self, before: str, after: str) -> Array:
         """The rows in which `before` is not what `after` is in the next row of the episode (k,)."""
@@ -85,11 +81,6 @@ class Rows(NamedTuple):
         changes = np.flatnonzero(x[:, :-1] != y[:, 1:])
         rows: Array = changes + changes // max(1, self.experiment.steps - 1)
         return rows
-
-    @property
-    def tolerance(self) -> float:
-        """The largest difference that rounding to the stored type can make to values in [0, 100]."""
-        return 2.0**-16 if self.experiment.output.dtype == "float32" else 2.0**-44
 
 
 def finite(rows: Rows) -> Found:
@@ -115,7 +106,7 @@ def bounds(rows: Rows) -> Found:
 
 def indices(rows: Rows) -> Found:
     """Whole episodes follow one another, and steps count from 0 within each."""
-    expected = index_columns(rows.experiment, rows.part)
+    expected = index_columns(rows.experiment, rows.episodes)
     for name, text in (
         ("episode", "the episode of episodes.parquet"),
         ("step", "steps from 0 within each episode"),
@@ -125,7 +116,7 @@ def indices(rows: Rows) -> Found:
 
 def flags(rows: Rows) -> Found:
     """terminated is never set; truncated is set exactly on the last row of each episode."""
-    expected = index_columns(rows.experiment, rows.part)
+    expected = index_columns(rows.experiment, rows.episodes)
     for name, text in (("terminated", "false"), ("truncated", "true on last rows only")):
         yield from _where(rows.columns[name] != expected[name], name, rows, text)
 
@@ -133,7 +124,7 @@ def flags(rows: Rows) -> Found:
 def policy(rows: Rows) -> Found:
     """Every row has the label of its episode's policy."""
     labels = rows.experiment.labels
-    numbers = policy_numbers(rows.experiment, rows.part)
+    numbers = policy_numbers(rows.experiment, rows.episodes)
     stored, expected = rows.columns["policy"], np.repeat(numbers, rows.experiment.steps)
     broken = stored != expected
     if broken.any():
@@ -145,9 +136,10 @@ def policy(rows: Rows) -> Found:
 
 def continuity(rows: Rows) -> Found:
     """The values at t + 1 in one row are those at t in the next row of the episode."""
-    for name in rows.group("next_observation") + rows.group("next_latent"):
-        wrong = rows.changed(name, name.removeprefix("next_"))
-        yield from _at(wrong, name, rows, "the next row's value at t")
+    for column in rows.described:
+        if column.role in ("next_observation", "next_latent"):
+            wrong = rows.changed(column.name, column.name.removeprefix("next_"))
+            yield from _at(wrong, column.name, rows, "the next row's value at t")
 
 
 def reward(rows: Rows) -> Found:
@@ -164,10 +156,10 @@ def reward(rows: Rows) -> Found:
 
 def setpoint(rows: Rows) -> Found:
     """A constant setpoint is that of the episode's cell."""
-    experiment, part = rows.experiment, rows.part
+    experiment = rows.experiment
     if experiment.drifting:
         return
-    cells = np.arange(part.first, part.stop) // experiment.episodes
+    cells = np.arange(rows.episodes.first, rows.episodes.stop) // experiment.episodes
     low = int(cells[0])
     known = np.array([cell.setpoint for cell in experiment.cells[low : int(cells[-1]) + 1]])
     expected = np.repeat(known[cells - low], experiment.steps).astype(experiment.output.dtype)
@@ -177,12 +169,14 @@ def setpoint(rows: Rows) -> Found:
 
 def steering(rows: Rows) -> Found:
     """Velocity, gain and shift follow from the action (Hein et al. 2017, Eqs. 2 to 4)."""
+    # The largest difference that rounding to the stored type can make to values in [0, 100].
+    tolerance = 2.0**-16 if rows.experiment.output.dtype == "float32" else 2.0**-44
     for name, size in (("velocity", D_V), ("gain", D_G), ("shift", D_H)):
         x, action, after = (
             rows.columns[column].astype(np.float64)
             for column in (f"obs_{name}", f"act_{name}", f"next_obs_{name}")
         )
-        wrong = np.abs(np.clip(x + size * action, 0.0, 100.0) - after) > rows.tolerance
+        wrong = np.abs(np.clip(x + size * action, 0.0, 100.0) - after) > tolerance
         yield from _where(wrong, f"next_obs_{name}", rows, f"the value that follows from act_{name}")
 
 
@@ -197,31 +191,23 @@ def shift_register(rows: Rows) -> Found:
 
 def density(rows: Rows) -> Found:
     """action_log_prob is the log density of the action under the policy; custom policies are not asked."""
-    experiment, steps = rows.experiment, rows.experiment.steps
-    policies = policy_numbers(experiment, rows.part)
+    experiment, steps, first = rows.experiment, rows.experiment.steps, rows.episodes.first
+    observations, actions = rows.stack("observation"), rows.stack("action")
+    policies = policy_numbers(experiment, rows.episodes)
     cuts = [0, *(np.flatnonzero(np.diff(policies)) + 1).tolist(), len(policies)]
     wrong = np.zeros(len(rows.columns["step"]), dtype=np.bool_)
     for low, high in pairwise(cuts):
         behaviour = experiment.policies[policies[low]]
         if not any(policy.code_target for policy in behaviour.everywhere()):
-            part = slice(low * steps, high * steps)
-            stored = rows.columns["action_log_prob"][part]
-            expected = _log_prob(rows, low, high).astype(stored.dtype)
+            stored = rows.columns["action_log_prob"][low * steps : high * steps]
+            known = log_densities(
+                experiment, first + low, first + high, observations[low:high], actions[low:high]
+            )
+            expected = known.ravel().astype(stored.dtype)
             odd = np.flatnonzero(stored != expected)
             far = ~np.isclose(stored[odd], expected[odd], rtol=1e-6, atol=1e-6, equal_nan=True)
-            wrong[part.start + odd[far]] = True
+            wrong[low * steps + odd[far]] = True
     yield from _where(wrong, "action_log_prob", rows, "the policy's log density")
-
-
-def _log_prob(rows: Rows, low: int, high: int) -> Array:
-    """The log densities of the actions of episodes low … high - 1 of these rows, all of one policy."""
-    part = slice(low * rows.experiment.steps, high * rows.experiment.steps)
-    observations, actions = (
-        rows.stack(role, part).reshape(high - low, rows.experiment.steps, -1)
-        for role in ("observation", "action")
-    )
-    first = rows.part.first + low
-    return log_densities(rows.experiment, first, first + high - low, observations, actions).ravel()
 
 
 RULES: dict[str, Callable[[Rows], Found]] = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Container, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 
 from ibdata.arguments import public
 from ibdata.dataset import manifest
@@ -52,44 +53,34 @@ def validate(
         stored = Stored.open(place)
     except DatasetError as error:
         return Findings([Problem.of(error, manifest.PATH, place.where(manifest.PATH), "manifest")])
-    check = _quickly if quick else _fully
-    problems = Findings(check(stored, progress))
+    problems = Findings()
+    if quick:
+        with Hashing(stored) as files, bar(progress, len(stored.manifest.files), "files") as advance:
+            problems += files.problems(advance)
+        problems += [*unlisted_files(stored), *splits_problems(stored), *card_problems(stored)]
+    else:
+        with Hashing(stored) as files, bar(progress, stored.manifest.rows, "rows") as advance:
+            contents = list(_contents(stored, files, advance))
+            problems += files.problems()
+        problems += [*unlisted_files(stored), *card_problems(stored), *contents]
     stored.refuse_replaced()
     return problems
 
 
-def _quickly(stored: Stored, progress: bool | None) -> Iterator[Problem]:
-    with bar(progress, len(stored.manifest.files), "files") as advance:
-        yield from check_files(stored, advance)
-    yield from splits_problems(stored)
-    yield from card_problems(stored)
-
-
-def _fully(stored: Stored, progress: bool | None) -> Iterator[Problem]:
-    with Hashing(stored) as files, bar(progress, stored.manifest.rows, "rows") as advance:
-        contents = list(_contents(stored, files, advance))
-        yield from files.problems()
-    yield from unlisted_files(stored)
-    yield from card_problems(stored)
-    yield from contents
-
-
 def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Problem]:
     """The problems with what whole files hold."""
-    manifest_model = stored.manifest
+    listed = stored.manifest
     try:
         spec = declared_spec(stored)
     except DatasetError as error:
         yield Problem.of(error, manifest.PATH, stored.storage.where(manifest.PATH), "manifest")
         return
-    plan = [
-        Problem(manifest.PATH, None, rule, message) for rule, message in plan_problems(spec, manifest_model)
-    ]
+    plan = [Problem(manifest.PATH, None, rule, message) for rule, message in plan_problems(spec, listed)]
     yield from plan
     if any(problem.rule in ("experiments", "files") for problem in plan):
         return
-    entries, written = manifest_model.entries(), list[WrittenShard]()
-    for shard, one in zip(spec.shards, manifest_model.shards, strict=True):
+    entries, written = listed.entries(), list[WrittenShard]()
+    for shard, one in zip(spec.shards, listed.shards, strict=True):
         summary, problems = check_shard(spec, shard, stored.storage, one.path, advance)
         if not files.is_whole(one.path):  # asked now, so that the file is hashed meanwhile
             continue
@@ -100,18 +91,11 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
                 yield Problem(one.path, None, "digest", "found other content than the manifest lists")
     if len(written) == len(spec.shards):
         root = root_of(spec, ((w.shard, w.content.digests) for w in written))
-        if root != manifest_model.content_root:
-            message = f"found {manifest_model.content_root}, expected {root}"
+        if root != listed.content_root:
+            message = f"found {listed.content_root}, expected {root}"
             yield Problem(manifest.PATH, None, "content root", message)
     yield from metadata_problems(stored, spec, written, files.is_whole)
     yield from splits_problems(stored)
-
-
-def check_files(stored: Stored, advance: Advance) -> Iterator[Problem]:
-    """The listed files that are missing or changed, and files in `data` that are not listed."""
-    with Hashing(stored) as files:
-        yield from files.problems(advance)
-    yield from unlisted_files(stored)
 
 
 def changed_files(stored: Stored, paths: Container[str]) -> list[Problem]:
@@ -128,8 +112,10 @@ def unlisted_files(stored: Stored) -> Iterator[Problem]:
     known = stored.manifest.entries()
     for name in stored.storage.names("data"):
         path = f"data/{name.rstrip('/')}"
-        if path not in known and _is_read(name):
-            what = "folder" if name.endswith("/") else "file"
+        is_folder = name.endswith("/")
+        is_read = is_folder or not name.startswith(".") or name.lower().endswith(".parquet")
+        if is_read and path not in known:  # polars and duckdb read hidden files, too
+            what = "folder" if is_folder else "file"
             message = f"found a {what} that the manifest does not list; move it away"
             yield Problem(path, None, "file", message)
 
@@ -148,12 +134,7 @@ def remedy(stored: Stored) -> str:
     return "; ibdata repair makes it again" if stored.storage.url is None else ""
 
 
-def _is_read(name: str) -> bool:
-    """Whether a reader may take a file or folder of this name; polars and duckdb take hidden ones too."""
-    return not name.startswith(".") or name.lower().endswith(".parquet") or name.endswith("/")
-
-
-class Hashing:
+class Hashing(AbstractContextManager["Hashing"]):
     """A context in which threads compute the SHA-256 of listed files, by default of all."""
 
     def __init__(self, stored: Stored, paths: Container[str] | None = None) -> None:
@@ -162,9 +143,6 @@ class Hashing:
         self._todo = remedy(stored)
         self._threads = ThreadPoolExecutor(available_processors())  # hashing releases the interpreter's lock
         self._found = {path: self._threads.submit(storage.entry, path) for path in self._expected}
-
-    def __enter__(self) -> Hashing:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self._threads.shutdown(cancel_futures=True)

@@ -11,35 +11,26 @@ from ibdata.dataset.returns import averages, behaviour_returns
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import column_texts
 from ibdata.errors import printable
-from ibdata.experiment import Experiment
 from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.measures.quality import MEANING, Quality
 from ibdata.measures.returns import ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
-from ibdata.writing.edited import sealed
-from ibdata.writing.metadata import info, splits, unread_shards
-from ibdata.writing.shard import WrittenShard
+from ibdata.writing.metadata import info, splits
 
-SOURCES = {
+DYNAMICS = {
     "siemens": "the authors' published Python code",
     "paper": "the equations as the paper prints them",
+    "custom": "a published variant with fields replaced, see meta/",
 }
 ABOUT = "Transitions of the Industrial Benchmark (Hein et al. 2017, arXiv 1709.09480), made by ibdata."
 KEYWORDS = ["reinforcement-learning", "offline-rl", "industrial-benchmark"]
 CITE = """\
 Please cite the benchmark's paper for the benchmark, and ibdata with its version and the content root of the
 dataset."""
-SIZES = (
-    (10**3, "n<1K"),
-    (10**4, "1K<n<10K"),
-    (10**5, "10K<n<100K"),
-    (10**6, "100K<n<1M"),
-    (10**7, "1M<n<10M"),
-    (10**8, "10M<n<100M"),
-    (10**9, "100M<n<1B"),
-)
+# The words of the Hub for fewer than 10³ rows, from 10³ rows on, from 10⁴ rows on …
+SIZES = ["n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M", "10M<n<100M", "100M<n<1B", "n>1B"]
 
 PAPER = """\
 @inproceedings{hein2017benchmark,
@@ -71,7 +62,7 @@ FAMILIES = {"odbl-1.0": "odbl", "odc-by-1.0": "odc-by", "pddl-1.0": "pddl"}  # w
 
 def card(
     spec: DatasetSpec,
-    written: list[WrittenShard],
+    paths: Sequence[str],
     root: str,
     episodes: pa.Table,
     version: str = __version__,
@@ -81,40 +72,41 @@ def card(
 
     Args:
         spec: The experiments and splits of the dataset.
-        written: Its shards with their file entries; their content is not needed.
+        paths: The paths of the files of its shards.
         root: Its content root.
         episodes: Its table of episodes.
         version: The version of ibdata that made it.
         measured: Its measures of quality; by default those that need only the returns.
     """
     described = info(spec)
-    parts = (
-        _front_matter(spec, written),
+    sections = (
+        _front_matter(spec, paths),
         _text(spec, root),
         *_behaviour(episodes, described),
         *_quality(measured or return_measures(episodes, described)),
         *_columns(described),
         f"## How to cite\n\n{CITE}\n\n```bibtex\n{bibtex(spec.name, root, version)}\n```\n",
     )
-    return sealed("\n".join(parts).encode())
+    return "\n".join(sections).encode()
 
 
 def card_of(stored: Stored, spec: DatasetSpec, measured: Quality | None = None) -> bytes:
     """The bytes of the card of a dataset that is there."""
     listed = stored.manifest
     version = printable(listed.versions.get("ibdata", __version__))
-    return card(spec, unread_shards(spec, listed), listed.content_root, stored.episodes, version, measured)
+    paths = [shard.path for shard in listed.shards]
+    return card(spec, paths, listed.content_root, stored.episodes, version, measured)
 
 
 def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
     """The lines of the card's table: names and values, with code in backticks."""
     experiments = spec.experiments
-    dynamics = list(dict.fromkeys(_dynamics(experiment) for experiment in experiments))
+    named = [e.dynamics if isinstance(e.dynamics, str) else "custom" for e in experiments]
     setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
     shown = ", ".join(exact(p) for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
     steps = " or ".join(f"{n:,}" for n in dict.fromkeys(experiment.steps for experiment in experiments))
     return [
-        ("dynamics", "; ".join(dynamics)),
+        ("dynamics", "; ".join(f"`{name}`: {DYNAMICS[name]}" for name in dict.fromkeys(named))),
         ("setpoints", f"{shown}{', moving from there' if experiments[0].drifting else ''}"),
         ("policies", ", ".join(spec.labels)),
         ("episodes", f"{spec.episodes:,} of {steps} steps"),
@@ -123,28 +115,28 @@ def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
     ]
 
 
-def _front_matter(spec: DatasetSpec, written: list[WrittenShard]) -> str:
-    size = next((name for limit, name in SIZES if spec.rows < limit), "n>1B")
+def _front_matter(spec: DatasetSpec, paths: Sequence[str]) -> str:
     lines = [
         "---",
         f"pretty_name: Industrial Benchmark, {spec.name}",
         *front_matter(spec.licences),
         "task_categories: [reinforcement-learning]",
         f"tags: [{', '.join(KEYWORDS)}]",
-        f"size_categories: [{size}]",
+        f"size_categories: [{SIZES[sum(spec.rows >= 10**power for power in range(3, 10))]}]",
         "configs:",
         "  - config_name: default",
         "    default: true",
         "    data_files:",
     ]
-    parts = {name: [w.entry.path for w in written if name in w.shard.splits] for name in spec.declared}
-    disjoint = all(len(w.shard.splits) == 1 for w in written)  # and all that there is
+    shards = list(zip(spec.shards, paths, strict=True))
+    files = {name: [path for shard, path in shards if name in shard.splits] for name in spec.declared}
+    disjoint = all(len(shard.splits) == 1 for shard in spec.shards)  # and all that there is
     if not disjoint:
-        lines += _data_files("everything" if parts else "train", ["data/part-*.parquet"])
-    for name, paths in parts.items():
+        lines += _data_files("everything" if files else "train", ["data/part-*.parquet"])
+    for name, own in files.items():
         if not disjoint:
             lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
-        lines += _data_files(name, paths)
+        lines += _data_files(name, own)
     return "\n".join([*lines, "---", ""])
 
 
@@ -207,35 +199,24 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
 def _quality(measures: Quality | ReturnMeasures) -> Iterator[str]:
     """The measures of quality that are known."""
     measured = {name: x for name in MEANING if (x := getattr(measures, name, None)) is not None}
-    texts = column_texts(list(measured.values()))
-    rows = [
-        f"| {name.replace('_', ' ')} | {x} | {MEANING[name]} |"
-        for name, x in zip(measured, texts, strict=True)
-    ]
-    if rows:
-        yield "\n".join(["## Quality", "", "| measure | value | meaning |", "|---|---|---|", *rows, ""])
+    if measured:
+        yield "## Quality\n"
+        yield "| measure | value | meaning |"
+        yield "|---|---|---|"
+        for name, value in zip(measured, column_texts(list(measured.values())), strict=True):
+            yield f"| {name.replace('_', ' ')} | {value} | {MEANING[name]} |"
+        yield ""
 
 
 def _columns(described: Info) -> Iterator[str]:
     """Every column with its type, unit, range and meaning."""
-    rows = [
-        f"| `{c.name}` | {c.dtype} | {c.unit} | {_bound(c.low)} … {_bound(c.high)} | {c.description} |"
-        for c in described.columns
-    ]
-    yield "\n".join(
-        ["## Columns", "", "| column | type | unit | range | meaning |", "|---|---|---|---|---|", *rows, ""]
-    )
-
-
-def _bound(value: float | None) -> str:
-    return "" if value is None else exact(value)
-
-
-def _dynamics(experiment: Experiment) -> str:
-    """The name of the dynamics, and where they come from."""
-    if isinstance(experiment.dynamics, str):
-        return f"`{experiment.dynamics}`: {SOURCES[experiment.dynamics]}"
-    return "`custom`: a published variant with fields replaced, see meta/"
+    yield "## Columns\n"
+    yield "| column | type | unit | range | meaning |"
+    yield "|---|---|---|---|---|"
+    for c in described.columns:
+        low, high = ("" if bound is None else exact(bound) for bound in (c.low, c.high))
+        yield f"| `{c.name}` | {c.dtype} | {c.unit} | {low} … {high} | {c.description} |"
+    yield ""
 
 
 def how_to_make_again(spec: DatasetSpec) -> list[str]:
@@ -270,13 +251,11 @@ def front_matter(licences: Sequence[str]) -> list[str]:
     >>> front_matter(["ODbL-1.0", "MIT OR Apache-2.0"])
     ['license: [odbl, other]', 'license_name: "MIT OR Apache-2.0"']
     """
-    words = {licence: _word(licence) for licence in licences}
+    words = {}
+    for licence in licences:
+        lower = licence.lower()
+        words[licence] = lower if lower in SAME.split() else FAMILIES.get(lower, OTHER)
     distinct = list(dict.fromkeys(words.values()))
     others = ", ".join(licence for licence, word in words.items() if word == OTHER)
     lines = [f"license: {distinct[0] if len(distinct) == 1 else '[' + ', '.join(distinct) + ']'}"]
     return [*lines, f'license_name: "{others}"'] if others else lines
-
-
-def _word(licence: str) -> str:
-    lower = licence.lower()
-    return lower if lower in SAME.split() else FAMILIES.get(lower, OTHER)

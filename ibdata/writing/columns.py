@@ -6,13 +6,14 @@ Both ways cut a shard into the same pieces, so that the memory is bounded.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.dataset.digest import Run, text
+from ibdata.dataset.digest import Values, episode_digests, text
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column, columns, layout
@@ -49,31 +50,27 @@ class Piece(NamedTuple):
         values = index_columns(self.experiment, self.episodes)
         values |= dict(zip(self.floats.names, self.floats.table, strict=True))
         arrays = {name: arrow_array(array) for name, array in values.items()}
-        policies = np.repeat(self._policies(), self.experiment.steps)
-        arrays["policy"] = arrow_texts(policies, self.experiment.labels)
+        policies = policy_numbers(self.experiment, self.episodes)
+        arrays["policy"] = arrow_texts(np.repeat(policies, self.experiment.steps), self.experiment.labels)
         return pa.table([arrays[c.name] for c in described], schema=arrow_schema(described))
 
-    def digest_columns(self) -> list[Run]:
-        """The columns except `episode`, in the form that `digest.episode_digests` takes."""
-        names, table, _ = self.floats
+    def digests(self) -> list[bytes]:
+        """The digests of the episodes."""
         texts = [text(label) for label in self.experiment.labels]
         indices = index_columns(self.experiment, self.episodes)
-        others: dict[str, Run] = {name: values.reshape(1, -1) for name, values in indices.items()}
-        others["policy"] = [texts[i] for i in self._policies().tolist()]
-        runs: list[Run] = []
-        start = end = 0
-        for column in columns(self.experiment)[1:]:
-            if column.name in names:
-                end += 1
-                continue
-            if end > start:
-                runs.append(table[start:end])
-            runs.append(others[column.name])
-            start = end
-        return [*runs, table[start:end]]
-
-    def _policies(self) -> npt.NDArray[np.int32]:
-        return policy_numbers(self.experiment, self.episodes)
+        others: dict[str, Values] = {name: values.reshape(1, -1) for name, values in indices.items()}
+        others["policy"] = [texts[i] for i in policy_numbers(self.experiment, self.episodes).tolist()]
+        found: list[Values] = []
+        first = 0
+        names = [column.name for column in columns(self.experiment)[1:]]
+        for are_floats, neighbours in groupby(names, lambda name: name not in others):
+            if are_floats:
+                stop = first + len(list(neighbours))
+                found.append(self.floats.table[first:stop])
+                first = stop
+            else:
+                found += [others[name] for name in neighbours]
+        return episode_digests(found, [self.experiment.steps] * (self.episodes.stop - self.episodes.first))
 
 
 def simulated(spec: DatasetSpec, shard: Shard, memory: TableBuffer | None = None) -> Iterator[Piece]:

@@ -6,7 +6,7 @@ https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ibdata.dataset import manifest
@@ -15,8 +15,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.system.files import FileEntry
 from ibdata.version import DATE, __version__
 from ibdata.writing.card import ABOUT, KEYWORDS, bibtex, facts, how_to_make_again
-from ibdata.writing.metadata import info, splits
-from ibdata.writing.shard import WrittenShard
+from ibdata.writing.metadata import as_json, info, splits
 
 Json = dict[str, Any]
 
@@ -61,30 +60,28 @@ RESPONSIBLE = {
     "rai:dataSocialImpact": "The data describe no person, group or place.",
 }
 OTHER_TYPES = {"bool": "sc:Boolean", "string": "sc:Text"}  # than cr:Int32, cr:Float64 and their like
-PARQUET = "application/x-parquet"
-FORMATS = {"parquet": PARQUET, "json": "application/json", "yaml": "application/yaml"}
+FORMATS = {"parquet": "application/x-parquet", "json": "application/json", "yaml": "application/yaml"}
+SPDX = re.compile(r"(?!LicenseRef-)[\w.-]+")  # an identifier, which has a page; other expressions have none
 USES = {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}
 
 
-def croissant(
-    spec: DatasetSpec, written: Sequence[WrittenShard], entries: Iterable[FileEntry], root: str
-) -> Json:
-    """The description of a dataset as JSON.
+def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEntry], root: str) -> bytes:
+    """The bytes of croissant.json.
 
     Args:
         spec: The experiments and splits of the dataset; those of its splits that are labels have no files.
-        written: Its shards with their file entries; their content is not needed.
+        paths: The paths of the files of its shards.
         entries: All files that the manifest lists, but for this one.
         root: Its content root.
     """
-    files = {name: [w.entry.path for w in written if name in w.shard.splits] for name in spec.declared}
+    shards = list(zip(spec.shards, paths, strict=True))
+    files = {name: [path for shard, path in shards if name in shard.splits] for name in spec.declared}
     columns = info(spec).columns
-    distribution = [_folder(root), _file_set("files", ["data/part-*.parquet"])]
-    distribution += [_file_set(f"files/{name}", paths) for name, paths in files.items()]
-    distribution += [_file(entry) for entry in entries if entry.path != manifest.CROISSANT]
-    record_sets = [_rows("rows", "files", columns, described=True)]
-    record_sets += [_rows(f"split/{name}", f"files/{name}", columns) for name in files]
-    return {
+    distribution = _distribution(files, entries, root)
+    ids = [file["@id"] for file in distribution]
+    record_sets = [_record_set("rows", "files", columns, described=True)]
+    record_sets += [_record_set(f"split/{name}", f"files/{name}", columns) for name in files]
+    description = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": CONFORMS_TO,
@@ -94,91 +91,92 @@ def croissant(
         "creator": {"@type": "Organization", "name": "The ibdata developers"},
         "datePublished": DATE,
         "version": f"{manifest.DATA_VERSION}.0.0",
-        "license": [_licence(licence) for licence in spec.licences],
+        "license": [
+            f"https://spdx.org/licenses/{licence}" if SPDX.fullmatch(licence) else licence
+            for licence in spec.licences
+        ],
         "citeAs": bibtex(spec.name, root, __version__),
         "keywords": KEYWORDS,
         **RESPONSIBLE,
         "prov:wasDerivedFrom": [{"@id": BENCHMARK, "prov:label": "The Industrial Benchmark"}],
-        "prov:wasGeneratedBy": [_activity(spec, distribution, root)],
+        "prov:wasGeneratedBy": [
+            {
+                "@type": "prov:Activity",
+                "prov:label": "Simulation of the experiment",
+                "description": " ".join(how_to_make_again(spec)),
+                "prov:used": [{"@id": path} for path in ids if path.startswith("meta/experiment")],
+                "prov:wasAssociatedWith": {
+                    "@type": "prov:SoftwareAgent",
+                    "prov:label": "ibdata",
+                    "softwareVersion": __version__,
+                },
+                "prov:generated": {"@type": "prov:Entity", "prov:label": "content root", "identifier": root},
+            }
+        ],
         "distribution": distribution,
         "recordSet": [*record_sets, *_splits(spec)],
     }
-
-
-def _activity(spec: DatasetSpec, distribution: Sequence[Json], root: str) -> Json:
-    """What made the dataset, of which experiments, and the hash that names its content."""
-    ids = [file["@id"] for file in distribution]
-    return {
-        "@type": "prov:Activity",
-        "prov:label": "Simulation of the experiment",
-        "description": " ".join(how_to_make_again(spec)),
-        "prov:used": [{"@id": path} for path in ids if path.startswith("meta/experiment")],
-        "prov:wasAssociatedWith": {
-            "@type": "prov:SoftwareAgent",
-            "prov:label": "ibdata",
-            "softwareVersion": __version__,
-        },
-        "prov:generated": {"@type": "prov:Entity", "prov:label": "content root", "identifier": root},
-    }
+    return as_json(description)
 
 
 def _head(kind: str, name: str) -> Json:
     return {"@type": f"cr:{kind}", "@id": name, "name": name}
 
 
-def _folder(root: str) -> Json:
-    """The folder around meta/, by which files are found in it; a file object needs a hash."""
-    return {
+def _distribution(files: Mapping[str, list[str]], entries: Iterable[FileEntry], root: str) -> list[Json]:
+    """The folder around meta/, in which files are found, the files of all and of each split, each file."""
+    folder = {
         **_head("FileObject", "dataset"),
         "description": "The folder of the dataset, or its repository. The hash is the content root.",
         "contentUrl": "..",
         "encodingFormat": ["inode/directory", "git+https"],
-        "sha256": root,
+        "sha256": root,  # a file object needs one
     }
+    sets = {"files": ["data/part-*.parquet"], **{f"files/{name}": paths for name, paths in files.items()}}
+    file_sets = [
+        {
+            **_head("FileSet", name),
+            "containedIn": {"@id": "dataset"},
+            "encodingFormat": FORMATS["parquet"],
+            "includes": includes,
+        }
+        for name, includes in sets.items()
+    ]
+    file_objects = [
+        {
+            **_head("FileObject", entry.path),
+            "contentUrl": f"../{entry.path}",
+            "contentSize": f"{entry.bytes} B",
+            "encodingFormat": FORMATS.get(entry.path.rpartition(".")[2], "application/octet-stream"),
+            "sha256": entry.sha256,
+        }
+        for entry in entries
+        if entry.path != manifest.CROISSANT
+    ]
+    return [folder, *file_sets, *file_objects]
 
 
-def _file(entry: FileEntry) -> Json:
-    return {
-        **_head("FileObject", entry.path),
-        "contentUrl": f"../{entry.path}",
-        "contentSize": f"{entry.bytes} B",
-        "encodingFormat": FORMATS.get(entry.path.rpartition(".")[2], "application/octet-stream"),
-        "sha256": entry.sha256,
-    }
-
-
-def _file_set(name: str, includes: Sequence[str]) -> Json:
-    return {
-        **_head("FileSet", name),
-        "containedIn": {"@id": "dataset"},
-        "encodingFormat": PARQUET,
-        "includes": list(includes),
-    }
-
-
-def _rows(name: str, files: str, columns: Sequence[Column], described: bool = False) -> Json:
+def _record_set(name: str, files: str, columns: Sequence[Column], described: bool = False) -> Json:
     """The rows of a set of files, perhaps with the meaning, unit and bounds of each column."""
-    return {
-        **_head("RecordSet", name),
-        "key": [{"@id": f"{name}/episode"}, {"@id": f"{name}/step"}],
-        "field": [
+    fields = []
+    for column in columns:
+        meaning: Json = {}
+        if described:
+            bounds = {"minValue": column.low, "maxValue": column.high}
+            known = {key: bound for key, bound in bounds.items() if bound is not None}
+            meaning = {"description": column.description, "unitText": column.unit, **known}
+        fields.append(
             {
                 "@type": "cr:Field",
                 "@id": f"{name}/{column.name}",
                 "name": column.name,
                 "dataType": OTHER_TYPES.get(column.dtype, f"cr:{column.dtype.capitalize()}"),
-                **(_meaning(column) if described else {}),
+                **meaning,
                 "source": {"fileSet": {"@id": files}, "extract": {"column": column.name}},
             }
-            for column in columns
-        ],
-    }
-
-
-def _meaning(column: Column) -> Json:
-    bounds = {"minValue": column.low, "maxValue": column.high}
-    known = {name: value for name, value in bounds.items() if value is not None}
-    return {"description": column.description, "unitText": column.unit, **known}
+        )
+    key = [{"@id": f"{name}/episode"}, {"@id": f"{name}/step"}]
+    return {**_head("RecordSet", name), "key": key, "field": fields}
 
 
 def _splits(spec: DatasetSpec) -> list[Json]:
@@ -201,9 +199,3 @@ def _splits(spec: DatasetSpec) -> list[Json]:
             "data": [dict(zip(ids, row, strict=True)) for row in values],
         }
     ]
-
-
-def _licence(licence: str) -> str:
-    """The page of an SPDX identifier; any other expression as it is."""
-    known = re.fullmatch(r"(?!LicenseRef-)[\w.-]+", licence)
-    return f"https://spdx.org/licenses/{licence}" if known else licence

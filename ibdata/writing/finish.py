@@ -5,23 +5,26 @@ What a manifest lists must follow from its experiments; `plan_problems` checks t
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import platform
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.models import Code, File, Manifest, ShardEntry
 from ibdata.dataset.stored import EPISODES, INFO, STATISTICS
 from ibdata.errors import DatasetError
-from ibdata.experiment import Experiment, as_yaml
+from ibdata.experiment import as_yaml
 from ibdata.experiment.code import user_objects
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -58,12 +61,13 @@ def finish(
     root = root_of(spec, ((w.shard, w.content.digests) for w in written))
     episodes = metadata.episodes_table(spec, written)
     entries = [w.entry for w in written]
-    for path, data in metadata_files(metadata_paths(spec), spec, written, episodes):
-        entries.append(write_new(folder, path, data, waits=False))
-    description = croissant(spec, written, entries, root)
-    entries.append(write_new(folder, manifest.CROISSANT, metadata.as_json(description), waits=False))
+    for path, make in metadata_files(spec, written, episodes).items():
+        entries.append(write_new(folder, path, make(), waits=False))
+    paths = [w.entry.path for w in written]
+    described = croissant(spec, paths, entries, root)
+    entries.append(write_new(folder, manifest.CROISSANT, described, waits=False))
     write_new(folder, manifest.SPLITS, metadata.splits_file(spec), waits=False)
-    write_new(folder, manifest.CARD, card(spec, written, root, episodes), waits=False)
+    write_new(folder, manifest.CARD, card(spec, paths, root, episodes), waits=False)
     listed = manifest.sealed(
         Manifest(
             format=manifest.FORMAT,
@@ -75,12 +79,8 @@ def finish(
             rows=spec.rows,
             clipped_actions=sum(w.content.clipped for w in written) if clipped is None else clipped,
             shards=[
-                ShardEntry(
-                    path=w.entry.path,
-                    content=content_of(w.content.digests),
-                    **planned_entry(spec, w.shard),
-                )
-                for w in written
+                ShardEntry(path=path, content=content_of(w.content.digests), **planned_entry(spec, w.shard))
+                for path, w in zip(paths, written, strict=True)
             ],
             files=[File(**entry._asdict()) for entry in entries],
             versions=versions(),
@@ -102,39 +102,30 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
     }
 
 
-def metadata_paths(spec: DatasetSpec) -> list[str]:
-    """The paths of the files in `meta` that the manifest lists."""
-    weights = (f"meta/{name}" for name in spec.weights)
-    return [*NEED_CONTENT, INFO, *experiment_files(spec), *weights, manifest.CROISSANT]
-
-
 def metadata_files(
-    paths: Container[str], spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
-) -> Iterator[tuple[str, bytes]]:
-    """The bytes of those files in `meta` that have these paths.
+    spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
+) -> dict[str, Callable[[], bytes]]:
+    """What makes the files in `meta` that the manifest lists, by path; croissant.json describes them.
 
-    Those of NEED_CONTENT need the content of the shards; the table `episodes` is made of it by default.
+    Those of NEED_CONTENT need the content of all shards; the table `episodes` is made of it by default.
     """
-    if INFO in paths:
-        yield INFO, metadata.as_json(metadata.info(spec))
-    if EPISODES in paths:
+
+    def episodes_file() -> bytes:
+        out = io.BytesIO()
         table = metadata.episodes_table(spec, written) if episodes is None else episodes
-        yield EPISODES, metadata.episodes_parquet(table)
-    if STATISTICS in paths:
-        yield STATISTICS, metadata.as_json(metadata.statistics(spec, written))
-    for path, experiment in experiment_files(spec).items():
-        if path in paths:
-            yield path, as_yaml(experiment)
-    for name, data in spec.weights.items():
-        if f"meta/{name}" in paths:
-            yield f"meta/{name}", data
+        pq.write_table(table, out, compression="zstd", write_page_checksum=True)
+        return out.getvalue()
 
-
-def experiment_files(spec: DatasetSpec) -> dict[str, Experiment]:
-    """The experiments by path; a merged dataset has several."""
-    if len(spec.experiments) == 1:
-        return {manifest.EXPERIMENT: spec.experiments[0]}
-    return {f"meta/experiment-{i:05d}.yaml": e for i, e in enumerate(spec.experiments)}
+    paths = [manifest.EXPERIMENT]
+    if len(spec.experiments) > 1:  # of a merged dataset
+        paths = [f"meta/experiment-{i:05d}.yaml" for i in range(len(spec.experiments))]
+    return {
+        INFO: lambda: metadata.as_json(metadata.info(spec)),
+        EPISODES: episodes_file,
+        STATISTICS: lambda: metadata.as_json(metadata.statistics(spec, written)),
+        **{path: partial(as_yaml, e) for path, e in zip(paths, spec.experiments, strict=True)},
+        **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
+    }
 
 
 def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry]) -> bytes:
@@ -158,19 +149,12 @@ def versions() -> dict[str, str]:
 
 def root_of(spec: DatasetSpec, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
     """The content root of all shards in order, each with the digests of its episodes."""
-    return content_root(
-        ((c.name, c.dtype) for c in columns(spec.experiments[0])),
-        (episode for shard, digests in shards for episode in episode_addresses(spec, shard, digests)),
-    )
-
-
-def episode_addresses(
-    spec: DatasetSpec, shard: Shard, digests: list[bytes]
-) -> Iterator[tuple[bytes, int, bytes]]:
-    """Cell, index in the cell and digest of each episode of a shard."""
-    experiment = spec.of_shard(shard)
-    for i, digest in enumerate(digests, shard.first):
-        yield experiment.cell_of(i).digest, i % experiment.episodes, digest
+    addresses = []
+    for shard, digests in shards:
+        experiment = spec.of_shard(shard)
+        for i, digest in enumerate(digests, shard.first):
+            addresses.append((experiment.cell_of(i).digest, i % experiment.episodes, digest))
+    return content_root(((c.name, c.dtype) for c in columns(spec.experiments[0])), addresses)
 
 
 def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
@@ -182,16 +166,14 @@ def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
 def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, str]]:
     """The rules that a manifest breaks, each with what was found and expected."""
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
+    expected_shards = [planned_entry(spec, shard) for shard in spec.shards]
     files = {*(file.path for file in listed.files), manifest.CROISSANT}
+    expected_files = {*(s.path for s in listed.shards), *metadata_files(spec, []), manifest.CROISSANT}
     targets = list(dict.fromkeys(code.target for code in listed.code))
     for rule, found, expected in (
-        (
-            "experiments",
-            {"shards": shards},
-            {"shards": [planned_entry(spec, shard) for shard in spec.shards]},
-        ),
+        ("experiments", {"shards": shards}, {"shards": expected_shards}),
         ("rows", listed.rows, spec.rows),
-        ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_paths(spec)})),
+        ("files", sorted(files), sorted(expected_files)),
         ("code", targets, list(dict.fromkeys(policy.code_target for policy in user_objects(spec)))),
     ):
         if message := first_difference(found, expected):
@@ -219,8 +201,8 @@ def first_difference(found: Any, expected: Any, *keys: object, tolerance: float 
     elif isinstance(found, list) and isinstance(expected, list) and len(found) == len(expected):
         pairs = zip(range(len(found)), found, expected, strict=True)
     elif not _is_near(found, expected, tolerance):
-        place = f"{'.'.join(map(str, keys))}: " if keys else ""
-        return f"{place}found {_shown(found)}, expected {_shown(expected)}"
+        where = f"{'.'.join(map(str, keys))}: " if keys else ""
+        return f"{where}found {_shown(found)}, expected {_shown(expected)}"
     for key, a, b in pairs:
         if key == "quantiles":
             tolerance = 0.01 * ((expected["max"] or 0.0) - (expected["min"] or 0.0))

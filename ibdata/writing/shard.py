@@ -11,9 +11,10 @@ import io
 import json
 import secrets
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,15 +22,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow.parquet as pq
 
-from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
-from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.plan import Shard
 from ibdata.simulation.variables import Table
-from ibdata.system.files import FileEntry, HashingFile, file_sha256, new_file, read_sealed, sealed, write_new
+from ibdata.system.files import FileEntry, file_sha256, new_file, read_sealed, sealed, write_new
 from ibdata.system.part import RECEIPTS
 from ibdata.system.signals import held
 from ibdata.writing.columns import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
@@ -47,13 +46,6 @@ class ShardSummary(NamedTuple):
     moments: Moments  # of the float columns
     sample: Table  # of the float columns, for quantiles
     clipped: int
-
-
-# Stands for the content of a shard that was not read.
-NONE = np.empty(0)
-UNREAD = ShardSummary(
-    [], NONE, Moments(0, NONE, NONE, NONE, NONE, np.empty(0, np.int64)), np.empty((0, 0)), 0
-)
 
 
 class WrittenShard(NamedTuple):
@@ -78,13 +70,12 @@ class ShardSummarizer:
     def add(self, piece: Piece) -> Moments:
         """Add the next episodes of the shard; return the moments of their columns."""
         names, table, clipped = piece.floats
-        steps, episodes = self.experiment.steps, piece.episodes
-        self._digests += episode_digests(piece.digest_columns(), [steps] * (episodes.stop - episodes.first))
-        self._returns.append(sums(table[names.index("reward")], steps))
+        self._digests += piece.digests()
+        self._returns.append(sums(table[names.index("reward")], self.experiment.steps))
         self._clipped += clipped
         return self._statistics.add(table)
 
-    def content(self) -> ShardSummary:
+    def summary(self) -> ShardSummary:
         """The summary of all pieces. Raises IbdataError if a value is not finite."""
         moments = self._statistics.moments
         names = layout(self.experiment).names
@@ -99,122 +90,68 @@ class ShardSummarizer:
         return ShardSummary(self._digests, returns, moments, self._statistics.sample, self._clipped)
 
 
-def describe(spec: DatasetSpec, shard: Shard, pieces: Iterable[Piece]) -> ShardSummary:
-    """Summarize a shard from its pieces. Raises IbdataError if a value is not finite."""
-    summarizer = ShardSummarizer(spec, shard)
-    for piece in pieces:
-        summarizer.add(piece)
-    return summarizer.content()
-
-
 def content_of(digests: list[bytes]) -> str:
     """The hex digest of a shard's content, from the digests of its episodes."""
     return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
-class Threads(NamedTuple):
-    """The threads of a writer: pieces are encoded in one and summarized in the other, each in order."""
-
-    encoding: ThreadPoolExecutor
-    summarizing: ThreadPoolExecutor
-
-
-class ShardWriter:
-    """Writes a shard piece by piece: `add` each in order, then `finish`. Open one with `shard_writer`."""
-
-    def __init__(
-        self,
-        shard: Shard,
-        path: str,
-        file: HashingFile,
-        parquet: pq.ParquetWriter,
-        summarizer: ShardSummarizer,
-        threads: Threads | None,
-    ) -> None:
-        self._shard, self._path, self._file, self._parquet = shard, path, file, parquet
-        self._summarizer, self._threads = summarizer, threads
-        self._waiting: deque[tuple[Future[None], Future[Moments]]] = deque()
-
-    def add(self, piece: Piece) -> None:
-        """Hand over the next piece. To bound memory, this waits while two are in progress.
-
-        Raises:
-            OSError: An earlier piece could not be written.
-        """
-        if self._threads is None:
-            self._encode(piece)
-            self._summarizer.add(piece)
-            return
-        if len(self._waiting) == WAITING:
-            self._wait()
-        encoded = self._threads.encoding.submit(self._encode, piece)
-        self._waiting.append((encoded, self._threads.summarizing.submit(self._summarizer.add, piece)))
-
-    def finish(self) -> WrittenShard:
-        """Wait for all pieces. The file is on the disk at the end of the context of `shard_writer`.
-
-        Raises:
-            IbdataError: A value is not finite.
-            OSError: The file could not be written.
-        """
-        while self._waiting:
-            self._wait()
-        self._parquet.close()
-        entry = FileEntry(self._path, self._file.size, self._file.sha256())
-        return WrittenShard(self._shard, entry, self._summarizer.content())
-
-    def _wait(self) -> None:
-        """Wait for the oldest piece in progress, and raise its error if it failed."""
-        for future in self._waiting.popleft():
-            future.result()
-
-    def _encode(self, piece: Piece) -> None:
-        """Write the row groups of a piece. None holds rows of two pieces, so nothing is copied or kept."""
-        self._parquet.write_table(piece.arrow_table(), row_group_size=ROW_GROUP_ROWS)
-
-
-@contextmanager
-def shard_writer(
-    spec: DatasetSpec, shard: Shard, folder: Path, overlap: bool = True
-) -> Iterator[ShardWriter]:
-    """Write a shard of a dataset to a new file in its folder; a block that raises leaves nothing behind.
+def write_shard(
+    spec: DatasetSpec, shard: Shard, pieces: Iterable[Piece], folder: Path, overlap: bool = True
+) -> WrittenShard:
+    """Write a shard of a dataset to a new file in its folder; an error leaves nothing behind.
 
     The name of the file ends in random digits, so that a late reader never takes it for an older one.
 
     Args:
         spec: The experiments and splits of the dataset.
         shard: The shard.
+        pieces: Its pieces, in order.
         folder: The folder of the dataset.
-        overlap: Whether a piece is encoded and summarized in threads while the caller makes the next one.
-            Both release Python's lock.
+        overlap: Whether a piece is encoded and summarized in threads while the next one is made. Both release
+            Python's lock.
+
+    Raises:
+        IbdataError: A value is not finite.
+        OSError: The file could not be written.
     """
-    path = f"{shard.stem}-{secrets.token_hex(4)}.parquet"
+    path, described = f"{shard.stem}-{secrets.token_hex(4)}.parquet", columns(spec.of_shard(shard))
+    summarizer = ShardSummarizer(spec, shard)
     with (
         new_file(folder / path) as file,
-        parquet_writer(spec.of_shard(shard), file) as parquet,
-        _threads() if overlap else nullcontext() as threads,
+        pq.ParquetWriter(file, arrow_schema(described), **writer_options(described)) as parquet,
     ):
-        yield ShardWriter(shard, path, file, parquet, ShardSummarizer(spec, shard), threads)
+
+        def encode(piece: Piece) -> None:  # no row group holds rows of two pieces, so nothing is copied
+            parquet.write_table(piece.arrow_table(), row_group_size=ROW_GROUP_ROWS)
+
+        if overlap:
+            _in_threads(pieces, encode, summarizer.add)
+        else:
+            for piece in pieces:
+                encode(piece)
+                summarizer.add(piece)
+                del piece  # so that it is not in memory beside the next
+        summary = summarizer.summary()
+        parquet.close()
+    return WrittenShard(shard, FileEntry(path, file.size, file.sha256()), summary)
 
 
-@contextmanager
-def _threads() -> Iterator[Threads]:
-    """Threads for a writer. The end of the block waits for all that was submitted."""
-    threads = Threads(ThreadPoolExecutor(1), ThreadPoolExecutor(1))
-    try:
+def _in_threads(pieces: Iterable[Piece], *tasks: Callable[[Piece], object]) -> None:
+    """Do each task with every piece, in a thread for each task. At most two pieces wait in memory."""
+    waiting: deque[list[Future[object]]] = deque()
+    with ExitStack() as stack:
+        threads = [stack.enter_context(ThreadPoolExecutor(1)) for _ in tasks]
         with held():  # a signal's exception while a thread starts would leave it running
             for thread in threads:
                 thread.submit(int).result()
-        yield threads
-    finally:
-        for thread in threads:
-            thread.shutdown()
-
-
-def parquet_writer(experiment: Experiment, file: HashingFile) -> pq.ParquetWriter:
-    """A writer of Parquet for an experiment's columns."""
-    described = columns(experiment)
-    return pq.ParquetWriter(file, arrow_schema(described), **writer_options(described))
+        for piece in pieces:
+            if len(waiting) == WAITING:
+                for future in waiting.popleft():
+                    future.result()
+            waiting.append([thread.submit(task, piece) for thread, task in zip(threads, tasks, strict=True)])
+            del piece
+        for future in chain.from_iterable(waiting):
+            future.result()
 
 
 def write_receipt(root: Path, written: WrittenShard) -> None:

@@ -6,7 +6,6 @@ import tempfile
 
 import pyarrow.parquet as pq
 
-from ibdata.dataset.digest import episode_digests
 from ibdata.dataset.statistics import moments
 from ibdata.experiment.columns import columns
 from ibdata.experiment.plan import plan
@@ -22,7 +21,6 @@ def stages() -> list[Row]:
     piece = Piece(experiment, shard, rollout(experiment, 0, shard.stop))
     rows = piece.arrow_table()
     kinds = columns(experiment)
-    lengths = [experiment.steps] * shard.stop
 
     def encode() -> bytes:
         out = io.BytesIO()
@@ -42,7 +40,7 @@ def stages() -> list[Row]:
         "simulate": lambda: rollout(experiment, 0, shard.stop),
         "columns into Arrow": piece.arrow_table,
         "encode as Parquet": encode,
-        "content digests (SHA-256)": lambda: episode_digests(piece.digest_columns(), lengths),
+        "content digests (SHA-256)": piece.digests,
         "moments": lambda: moments(piece.floats.table),
         "write and fsync": durable,
     }

@@ -27,7 +27,7 @@ CHOSEN = {"split": "target", "setpoint": 70.0, "policy": ["random", "calm"], "ep
           "returns": [-math.inf, 3.0]}  # fmt: skip
 SELECT = "ibdata.dataset.dataset.Dataset.select"
 TABLE: list[tuple[str, str, dict[str, Any]]] = [
-    ("card $D", "ibdata.maintenance.card.card", {"folder": DATA}),
+    ("card $D --overwrite", "ibdata.maintenance.card.card", {"folder": DATA, "overwrite": True}),
     (f"config validate random {CHANGES}", "ibdata.experiment.load_all", {"config": "random", **LOADED}),
     (f"config show random {CHANGES}", "ibdata.experiment.load", {"config": "random", **LOADED}),
     (

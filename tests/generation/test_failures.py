@@ -28,7 +28,7 @@ ERRORS = {  # what is raised, what is seen, and its line
 @pytest.mark.parametrize("shards", [0, 2])
 def test_an_error_leaves_finished_shards_or_nothing(monkeypatch, files, tiny, error, seen, line, shards):
     """tests/life and tests/faults raise errors of the system at any operation."""
-    real, calls = workers.shard_writer, iter(range(9))
+    real, calls = workers.write_shard, iter(range(9))
 
     def failing(*args):
         if next(calls) >= shards:
@@ -36,7 +36,7 @@ def test_an_error_leaves_finished_shards_or_nothing(monkeypatch, files, tiny, er
         return real(*args)
 
     with monkeypatch.context() as patched:
-        patched.setattr(workers, "shard_writer", failing)
+        patched.setattr(workers, "write_shard", failing)
         with pytest.raises(seen, match=line):
             ibdata.generate(TINY, "a/b", workers=1)
     assert len(receipts("a/b")) == shards

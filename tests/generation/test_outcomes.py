@@ -13,7 +13,6 @@ from ibdata.errors import IbdataError
 from ibdata.experiment import self_check
 from ibdata.generation import workers
 from ibdata.system.part import Part
-from ibdata.writing.edited import sealed
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -44,7 +43,7 @@ def with_file(path):
 
 
 def with_report():
-    return dataset(), Path("out", manifest.REPORT).write_bytes(sealed(b"a page"))
+    return dataset(), Path("out", manifest.REPORT).write_bytes(b"a page")
 
 
 def without(path):

@@ -1,4 +1,4 @@
-"""A dataset gets its name by one rename or exchange, and nothing of the old one or of a user is lost."""
+"""A dataset gets its name by one rename or exchange, and nothing that is not the dataset's is lost."""
 
 import os
 import shutil
@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from helpers import python
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.folders import is_right
+from helpers.folders import contents, is_right
 
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.system import part
 from ibdata.system.part import locked_part
-from ibdata.writing.edited import keep_all
+from ibdata.writing.finish import finish
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -136,31 +136,18 @@ def test_where_the_second_rename_fails_the_old_dataset_is_back_at_once(tiny, fil
     assert is_right("out", tiny[0].path, files)
 
 
-def test_an_edited_card_is_kept_beside_the_new_one(capsys):
-    card, old = Path("out/README.md"), Path("out/README.md.old")
-    replace()
-    assert not old.exists()
-    text = card.read_text().replace("# ", "# My ", 1)
-    card.write_text(text)
-    replace(OTHER)
-    assert capsys.readouterr().err.endswith("out/README.md: was edited, and is now README.md.old\n")
-    assert text != card.read_text()
-    replace()
-    assert (old.read_text(), capsys.readouterr().err) == (text, "")
-    assert ibdata.validate("out") == []
-
-
 @pytest.mark.parametrize("name", ["README.md", "report.html"])
-def test_what_was_edited_twice_is_kept_twice(capsys, name):
-    for text in ("first", "second"):
-        Path("out", name).write_text(text)
-        replace(OTHER)
+def test_an_edited_card_or_report_is_one_of_the_datasets_files(name):
+    Path("out", name).write_text("mine")
     replace(OTHER)
-    found = [Path("out", f"{name}{ending}").read_text() for ending in (".old", ".old-2")]
-    assert found == ["first", "second"]
-    assert len(list(Path("out").glob(f"{name}.*"))) == 2
-    assert capsys.readouterr().err.endswith(f"out/{name}: was edited, and is now {name}.old-2\n")
+    assert b"mine" not in contents("out").values()
     assert ibdata.validate("out") == []
+
+
+def test_what_was_kept_of_a_card_is_not_the_datasets():
+    Path("out/README.md.old").write_text("mine")
+    with pytest.raises(UsageError, match=r"README.md.old: found a file that is not the dataset's; move it"):
+        replace()
 
 
 def test_a_card_that_is_no_file_is_not_lost():
@@ -177,17 +164,16 @@ def test_a_card_that_is_no_file_is_not_lost():
         path.rename(name)
 
 
-@pytest.mark.parametrize("name", ["README.md", "README.md.old"])
-def test_what_becomes_a_pipe_while_a_run_lasts_does_not_stop_it(monkeypatch, name):
+def test_a_card_that_becomes_a_pipe_while_a_run_lasts_is_not_lost(monkeypatch):
     def piped(*arguments):
-        Path("out", name).unlink(missing_ok=True)
-        os.mkfifo(Path("out", name))
-        return keep_all(*arguments)
+        Path("out/README.md").unlink()
+        os.mkfifo("out/README.md")
+        return finish(*arguments)
 
-    monkeypatch.setattr("ibdata.generation.build.keep_all", piped)
-    with pytest.raises(ibdata.IbdataError, match="not a regular file"):
+    monkeypatch.setattr("ibdata.generation.build.finish", piped)
+    with pytest.raises(UsageError, match=r"README.md: found a file that is not the dataset's; move it away"):
         replace()
-    assert Path("out", name).is_fifo()
+    assert Path("out/README.md").is_fifo()
 
 
 def test_all_files_keep_their_mode_under_another_umask():

@@ -42,8 +42,8 @@ class Place:
     words: str | None = None  # that a user has added to the card
 
     def made(self, holds: str, experiment: str | None, splits: frozenset[str] = frozenset()) -> Place:
-        """A new dataset here, with the declared splits; only the words of a user stay."""
-        return Place(holds, experiment, splits, splits, words=self.words)
+        """A new dataset here, with the declared splits."""
+        return Place(holds, experiment, splits, splits)
 
 
 class Expected(NamedTuple):
@@ -121,9 +121,10 @@ def split(place: Place, by: str) -> Expected:
     return Expected(ANY if place.damaged else DONE, replace(place, splits=place.splits | NAMES[by]))
 
 
-def card(place: Place) -> Expected:
-    """A new card; the words of a user are kept beside it."""
-    return Expected(NO if not place.holds else ANY if place.damaged else DONE, replace(place))
+def card(place: Place, overwrite: bool) -> Expected:
+    """A new card; without --overwrite not over a user's words, and perhaps not over one of other splits."""
+    codes = DONE if overwrite else USAGE if place.words else DONE | USAGE
+    return Expected(NO if not place.holds else ANY if place.damaged else codes, replace(place, words=None))
 
 
 def repair(place: Place) -> Expected:

@@ -28,8 +28,7 @@ from life.world import EXPERIMENTS, FAULTS, KILLS, Known, Moment, World
 
 STEPS = 25 if FULL else 15  # of a story
 PARTS = 4  # of the many stories, for as many processes of pytest
-KEPT = tuple(f"README.md{end}" for end in ("", ".old", *(f".old-{n}" for n in range(2, 30))))
-USERS = {*KEPT, "report.html"}  # files that the manifest does not list
+USERS = {"README.md", "report.html"}  # files that the manifest does not list
 
 
 def places(fits: Callable[[Place], object]) -> st.SearchStrategy[str]:
@@ -128,9 +127,10 @@ class Life(RuleBasedStateMachine):
         self.run(out, model.repair(self.world.places[out]), moment, "repair", out, "--workers", 1)
 
     @some(HOLDS)
-    @rule(out=DATASETS, moment=moments(12))
-    def card(self, out: str, moment: Moment) -> None:
-        self.run(out, model.card(self.world.places[out]), moment, "card", out)
+    @rule(out=DATASETS, overwrite=st.booleans(), moment=moments(12))
+    def card(self, out: str, overwrite: bool, moment: Moment) -> None:
+        expected = model.card(self.world.places[out], overwrite)
+        self.run(out, expected, moment, "card", out, *["--overwrite"][: int(overwrite)])
 
     @rule(out=ANYWHERE, at=st.integers(1, 120))
     def two_replace(self, out: str, at: int) -> None:

@@ -136,8 +136,47 @@ def test_a_card_that_is_a_pipe_is_named(plain, tmp_path, monkeypatch):
     os.mkfifo(folder / "README.md")
     monkeypatch.setattr("ibdata.maintenance.card.drawn", lambda dataset: None)
     monkeypatch.setattr("ibdata.maintenance.card.page", lambda *arguments: b"")
-    with pytest.raises(UsageError, match=r"README.md: cannot be kept: not a regular file; move it away$"):
+    for overwrite in (False, True):
+        with pytest.raises(UsageError, match=r"README.md: cannot be replaced: not a regular file; move it"):
+            card(folder, overwrite)
+
+
+def without_report(*arguments):
+    raise ImportError("no matplotlib")
+
+
+@pytest.mark.parametrize("name", [manifest.CARD, manifest.REPORT])
+def test_an_edited_file_is_replaced_only_if_that_is_said(copied, monkeypatch, name):
+    monkeypatch.setattr("ibdata.maintenance.card.page", lambda *arguments: b"a page")
+    monkeypatch.setattr("ibdata.maintenance.card.drawn", lambda dataset: {})
+    card(copied, overwrite=True)
+    own = contents(copied)
+    (copied / name).write_text("mine")
+    edited = contents(copied)
+    message = f"^{copied / name}: found other text than ibdata writes now; --overwrite to replace it$"
+    with pytest.raises(UsageError, match=message):
+        card(copied)
+    assert contents(copied) == edited
+    card(copied, overwrite=True)
+    assert contents(copied) == own
+    card(copied)
+    assert contents(copied) == own
+
+
+def test_the_cards_of_generate_and_repair_are_replaced_and_one_of_other_splits_is_not(
+    plain, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("ibdata.maintenance.card.drawn", without_report)
+    folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
+    ibdata.split(folder, by="policy")
+    assert card(folder) == [folder / manifest.CARD]
+    (folder / manifest.CARD).unlink()
+    ibdata.repair(folder, workers=1)
+    card(folder)
+    ibdata.split(folder, by="episode", fractions=[0.5, 0.5])
+    with pytest.raises(UsageError, match="other text than ibdata writes now"):
         card(folder)
+    card(folder, overwrite=True)
 
 
 def test_without_matplotlib_only_the_card_is_written(ibdata, plain, carded, tmp_path):

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
+from ibdata.dataset.statistics import moments
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.setpoints import SplitName
@@ -22,7 +23,7 @@ from ibdata.numerics.naming import exact, yaml_name
 from ibdata.system.files import FileEntry
 from ibdata.writing.card import card
 from ibdata.writing.metadata import episodes_table
-from ibdata.writing.shard import UNREAD, WrittenShard
+from ibdata.writing.shard import ShardSummary, WrittenShard
 
 SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)
 WORDS = [
@@ -69,13 +70,12 @@ def test_every_reader_of_yaml_finds_the_names_as_text(reader):
 def test_the_front_matter_of_a_card_names_splits_by_text(reader):
     splits = {name: {"overlap": True} for name in WORDS}
     spec = DatasetSpec.of(described(name="1", splits=splits))
-    written = [
-        WrittenShard(shard, FileEntry(f"{shard.stem}-00000000.parquet", 1, "0" * 64), UNREAD)
-        for shard in spec.shards
-    ]
-    content = UNREAD._replace(returns=np.zeros(1), digests=[bytes(32)])
-    episodes = episodes_table(spec, [w._replace(content=content) for w in written])
-    _, front, text = card(spec, written, "0" * 64, episodes).decode().split("---\n", 2)
+    paths = [f"{shard.stem}-00000000.parquet" for shard in spec.shards]
+    content = ShardSummary([bytes(32)], np.zeros(1), moments(np.zeros((1, 2))), np.zeros((1, 2)), 0)
+    entries = [FileEntry(path, 1, "0" * 64) for path in paths]
+    written = [WrittenShard(shard, entry, content) for shard, entry in zip(spec.shards, entries, strict=True)]
+    episodes = episodes_table(spec, written)
+    _, front, text = card(spec, paths, "0" * 64, episodes).decode().split("---\n", 2)
     matter = reader.load(front)
     assert matter["pretty_name"] == "Industrial Benchmark, 1"
     assert [config["config_name"] for config in matter["configs"]] == ["default", *WORDS]

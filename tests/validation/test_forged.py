@@ -23,7 +23,7 @@ from ibdata.validation.validate import validate
 from ibdata.writing.columns import stored_pieces
 from ibdata.writing.finish import finish
 from ibdata.writing.metadata import as_json
-from ibdata.writing.shard import WrittenShard, describe
+from ibdata.writing.shard import ShardSummarizer, WrittenShard
 
 
 def edit(path, change):
@@ -38,7 +38,10 @@ def summary_of(spec, shard, folder, path):
     experiment = spec.of_shard(shard)
     rows = (shard.stop - shard.first) * experiment.steps
     batches = parquet.batches(Storage(folder), path, layout(experiment).names, 65_536, rows)
-    return describe(spec, shard, stored_pieces(spec, shard, batches))
+    summarizer = ShardSummarizer(spec, shard)
+    for piece in stored_pieces(spec, shard, batches):
+        summarizer.add(piece)
+    return summarizer.summary()
 
 
 def column(info, name):

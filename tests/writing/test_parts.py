@@ -61,7 +61,7 @@ def test_parts_do_not_change_a_dataset(experiment, small_parts, monkeypatch, tmp
     assert columns.ROW_GROUP_ROWS == 100_000
 
 
-@pytest.mark.parametrize("place", [(shard.ShardWriter, "_encode"), (shard.ShardSummarizer, "add")])
+@pytest.mark.parametrize("place", [(columns.Piece, "arrow_table"), (shard.ShardSummarizer, "add")])
 def test_an_error_in_a_thread_is_raised_and_leaves_nothing(experiment, monkeypatch, tmp_path, place):
     def fail(*args):
         raise OSError(28, "No space left on device")
@@ -98,7 +98,7 @@ def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
 
         return noted
 
-    monkeypatch.setattr(checks, "PART_ROWS", PART)
+    monkeypatch.setattr(checks, "PIECE_ROWS", PART)
     monkeypatch.setattr(columns, "Columns", seen(Columns))
     monkeypatch.setattr("ibdata.writing.columns.rollout", seen(rollout))
     for name, use in USES.items():
