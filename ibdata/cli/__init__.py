@@ -20,20 +20,20 @@ from typing import TextIO
 
 import click
 
+from ibdata.cli._options import Suggesting
 from ibdata.cli._printing import print_json, shortened
-from ibdata.cli._suggesting import Suggesting
 from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, notice, printable
 from ibdata.system import processes
 from ibdata.version import __version__
 
 COMMANDS = {  # by what they are for; the module of each
     "Use": {
-        "init": "make", "generate": "make", "info": "read", "head": "read", "stats": "read", "plot": "draw",
-        "evaluate": "evaluate", "export": "export", "config": "config",
+        "init": "make", "generate": "make", "info": "read", "head": "read", "stats": "read", "plot": "use",
+        "evaluate": "use", "export": "use", "config": "config",
     },
     "Maintain": {
-        "ls": "read", "validate": "check", "repair": "check", "reproduce": "check", "split": "split",
-        "merge": "make", "finalize": "make", "card": "draw",
+        "ls": "read", "validate": "check", "repair": "check", "reproduce": "check", "split": "make",
+        "merge": "make", "finalize": "make", "card": "use",
     },
 }  # fmt: skip
 MODULES = {name: module for modules in COMMANDS.values() for name, module in modules.items()}

@@ -6,9 +6,8 @@ from typing import Any
 
 import click
 
-from ibdata.cli._options import configs, seed_option, set_option
+from ibdata.cli._options import Suggesting, configs, seed_option, set_option
 from ibdata.cli._printing import Printed, Result, print_json, prints_result
-from ibdata.cli._suggesting import Suggesting
 from ibdata.errors import printable
 from ibdata.numerics.naming import counted
 

@@ -91,7 +91,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ("merge a b c --out o", "ibdata.maintenance.merge.merge", {"folders": ("a", "b", "c"), "out": "o"}),
     (
         "plot $D --out o --format svg --overwrite --quiet",
-        "ibdata.cli.draw.plot",
+        "ibdata.cli.use.plot",
         {"dataset": DATA, "out": "o", "form": "svg", "overwrite": True, "progress": False},
     ),
     (
