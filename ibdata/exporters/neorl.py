@@ -11,22 +11,21 @@ from pathlib import Path
 import numpy as np
 
 from ibdata.errors import UsageError
-from ibdata.exporters._arrays import write_npz
-from ibdata.exporters._view import Arrays, Block, View
+from ibdata.exporters._source import Arrays, Block, Source, write_npz
 from ibdata.numerics.naming import counted, exact
 
 HISTORY = 30
 MAX_ROWS = 2**24  # float32 does not have all whole numbers above it
 
 
-def export(view: View, path: Path, target: Path) -> str:
+def export(source: Source, path: Path, target: Path) -> str:
     """Write the NPZ. Raises UsageError for several setpoints or too many rows."""
-    if view.rows > MAX_ROWS:
+    if source.rows > MAX_ROWS:
         raise UsageError(
-            f"neorl: found {counted(view.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
+            f"neorl: found {counted(source.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
         )
-    _refuse_other_setpoints(view)
-    write_npz(view, _arrays, path, index=np.cumsum(view.lengths))
+    _refuse_other_setpoints(source)
+    write_npz(source, _arrays, path, index=np.cumsum(source.lengths))
     return f"""\
 import numpy as np
 
@@ -46,11 +45,11 @@ def _arrays(block: Block) -> Arrays:
     }
 
 
-def _refuse_other_setpoints(view: View) -> None:
+def _refuse_other_setpoints(source: Source) -> None:
     """Raise UsageError unless there is one setpoint that is constant."""
-    if view.info.drifting:
+    if source.info.drifting:
         raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
-    setpoints = sorted(view.setpoints)
+    setpoints = sorted(source.setpoints)
     if len(setpoints) > 1:
         shown = ", ".join(exact(p) for p in setpoints[:5])
         raise UsageError(
