@@ -50,7 +50,7 @@ def info_command(folder: Path | str) -> Printed:
     ibdata info data/random
     """
     from ibdata.dataset.dataset import Dataset
-    from ibdata.measures.returns import return_measures
+    from ibdata.measures import return_measures
 
     dataset = Dataset(folder)
     _name_lost_shards(dataset)
@@ -81,7 +81,7 @@ def _described(dataset: Dataset) -> str:
 
 def _scored(returns: Returns, measures: Mapping[str, float | None]) -> list[str]:
     """The first of the mean returns of each policy at each setpoint, and the measures of all returns."""
-    from ibdata.measures.returns import MEANING
+    from ibdata.measures import MEANING
 
     rows = [[*map(dict(line).get, SHOWN)] for line in returns["results"]]
     lines = [as_text(Table([name.replace("_", " ") for name in SHOWN], rows[:MAX_LINES]))]
@@ -145,7 +145,7 @@ def stats_command(selection: Dataset, of_quality: bool) -> Result:
     ibdata stats data/random --quality --returns -250000 inf
     """
     if of_quality:
-        from ibdata.measures.quality import quality
+        from ibdata.measures import quality
 
         measures = quality(selection)
         return Printed({"quality": measures.plain()}, measures)

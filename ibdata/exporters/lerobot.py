@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ibdata.dataset.statistics import Moments, RowStatistics, Table
-from ibdata.exporters._source import PARQUET, Arrays, Block, Source, vectors
+from ibdata.exporters._source import PARQUET, Array, Arrays, Block, Source, vectors
 from ibdata.numerics.naming import exact
 from ibdata.views.options import ACTIONS
 from ibdata.writing.metadata import as_json

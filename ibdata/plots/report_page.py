@@ -11,7 +11,7 @@ from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.tabular import Tabular, column_texts
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.measures.quality import Quality
+from ibdata.measures import Quality
 from ibdata.numerics.naming import counted
 from ibdata.plots import PICTURES
 from ibdata.writing.card import ABOUT, facts

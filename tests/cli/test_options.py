@@ -115,7 +115,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ),
     ("split $D --list", "ibdata.dataset.dataset.Dataset.splits", {}),
     ("stats $D", "ibdata.dataset.dataset.Dataset.statistics", {}),
-    ("stats $D --quality", "ibdata.measures.quality.quality", {"ds": DATA}),
+    ("stats $D --quality", "ibdata.measures.quality", {"ds": DATA}),
     (
         "validate $D --quick --quiet",
         "ibdata.validation.validate.validate",

@@ -1,1 +1,0 @@
-"""Measures of the quality of data from the literature, each a function."""
