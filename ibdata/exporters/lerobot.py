@@ -18,7 +18,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.dataset.statistics import Moments, RowStatistics, Table
+from ibdata.dataset.statistics import Matrix, Moments, RowStatistics
 from ibdata.exporters._source import PARQUET, Array, Arrays, Block, Source, vectors
 from ibdata.numerics.naming import exact
 from ibdata.views.options import ACTIONS
@@ -141,7 +141,7 @@ def _column(array: Array) -> pa.Array:
     return pa.array(array.reshape(-1)) if array.size == len(array) else vectors(array)
 
 
-def _statistics(kind: Any, of: Moments, sample: Table) -> dict[str, list[Any]]:
+def _statistics(kind: Any, of: Moments, sample: Matrix) -> dict[str, list[Any]]:
     """The statistics of a feature, whose numbers have this type, by the names that LeRobot has."""
     quantiles = np.quantile(sample.astype(np.float64), list(QUANTILES.values()), axis=1)
     numbers = {

@@ -10,9 +10,8 @@ from typing import Annotated, Any
 from ibdata.arguments import public
 from ibdata.errors import UsageError, suggestion
 from ibdata.variables import VARIABLES, of_role, variable_of
-from ibdata.views.costs import Cost, cost_of
 from ibdata.views.imperfections import NONE, Imperfections, imperfections_of
-from ibdata.views.rewards import CLASSIC, Reward, reward_of
+from ibdata.views.rewards import CLASSIC, Cost, Reward, cost_of, reward_of
 
 ACTIONS = ("act_velocity", "act_gain", "act_shift")
 OBSERVED = tuple(f"obs_{name}" for name in of_role("observation"))
