@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from functools import wraps
 from importlib import import_module
 from pathlib import Path
@@ -110,36 +109,19 @@ MOST_EPISODES = 10_000_000  # of a range
 LOCAL, YAML = Place(urls=False), Yaml()
 
 
-def completing(known: Callable[[], Iterable[str]]) -> Callable[..., list[CompletionItem]]:
-    """Offer the known words that begin as the incomplete one does; a failure offers none."""
-
-    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        with suppress(Exception):
-            return [CompletionItem(word) for word in known() if word.startswith(incomplete)]
-        return []
-
-    return complete
-
-
-def _experiments() -> list[str]:
-    from ibdata.experiment.shipped import shipped, suites
-
-    return [*suites(), *shipped()]
-
-
-def _policies() -> Iterable[str]:
+def policies(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """The kinds of policies that begin as the incomplete word does."""
     from ibdata.policies import POLICIES
 
-    return POLICIES
-
-
-policies = completing(_policies)
-_shipped = completing(_experiments)
+    return [CompletionItem(kind) for kind in POLICIES if kind.startswith(incomplete)]
 
 
 def configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Files, and the shipped experiments."""
-    return [CompletionItem(incomplete, type="file"), *_shipped(ctx, param, incomplete)]
+    from ibdata.experiment.shipped import shipped, suites
+
+    names = [name for name in (*suites(), *shipped()) if name.startswith(incomplete)]
+    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, names)]
 
 
 place_argument = click.argument("folder", metavar="DIR|URL", type=Place())
@@ -154,9 +136,9 @@ set_option = click.option(
 seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
 
 
-def _one_or_several(context: click.Context, option: click.Parameter, names: tuple[str, ...]) -> Any:
-    """A name, several as a list, or None."""
-    return list(names) if len(names) > 1 else next(iter(names), None)
+def one_or_several(context: click.Context, option: click.Parameter, values: tuple[Any, ...]) -> Any:
+    """A value, several as a list, or None."""
+    return list(values) if len(values) > 1 else next(iter(values), None)
 
 
 def _numbers(context: click.Context, option: click.Parameter, text: str | None) -> list[int] | None:
@@ -175,7 +157,7 @@ def _numbers(context: click.Context, option: click.Parameter, text: str | None) 
 
 def _repeated(name: str, metavar: str, rows: str, kind: type = str) -> Callable[..., Any]:
     help = f"Use only rows {rows}; give it again for several."
-    return click.option(name, metavar=metavar, type=kind, multiple=True, callback=_one_or_several, help=help)
+    return click.option(name, metavar=metavar, type=kind, multiple=True, callback=one_or_several, help=help)
 
 
 split_option = _repeated("--split", "NAME", "of this split")

@@ -1,8 +1,6 @@
 """The commands of config."""
 
 import json
-from collections.abc import Mapping
-from typing import Any
 
 import click
 
@@ -51,12 +49,9 @@ def policies() -> Printed:
     for policy in kinds:
         lines.append(f"{policy['kind']}: {policy['summary']}")
         for option in policy["options"]:
-            lines.append(f"    {option['name']} ({_default(option)}): {option['description']}")
+            default = "required" if option["required"] else f"default {json.dumps(option['default'])}"
+            lines.append(f"    {option['name']} ({default}): {option['description']}")
     return Printed({"policies": kinds}, "\n".join(lines))
-
-
-def _default(option: Mapping[str, Any]) -> str:
-    return "required" if option["required"] else f"default {json.dumps(option['default'])}"
 
 
 @config_command.command("validate")

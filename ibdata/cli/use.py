@@ -12,6 +12,7 @@ from ibdata.cli._options import (
     allow_code_option,
     cost_option,
     folder_argument,
+    one_or_several,
     policies,
     progress_option,
     reward_option,
@@ -149,9 +150,9 @@ def export_command(selection: Any, to: str, out: Path, **options: Any) -> Result
 )
 @click.option(
     "--setpoint",
-    "setpoints",
     type=YAML,
     multiple=True,
+    callback=one_or_several,
     metavar="P",
     help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70.",
 )
@@ -185,7 +186,7 @@ def export_command(selection: Any, to: str, out: Path, **options: Any) -> Result
 def evaluate_command(
     policies: tuple[str, ...],
     more_policies: tuple[str, ...],
-    setpoints: tuple[Any, ...],
+    setpoint: Any,
     reward: Any,
     cost: Any,
     **settings: Any,
@@ -208,5 +209,4 @@ def evaluate_command(
     named = [*policies, *more_policies]
     if not named:
         raise click.UsageError("Missing argument 'POLICY'; ibdata config policies lists the kinds.")
-    points = list(setpoints) if len(setpoints) > 1 else next(iter(setpoints), None)
-    return evaluate(named, points, view={"reward": reward, "cost": cost}, **settings)
+    return evaluate(named, setpoint, view={"reward": reward, "cost": cost}, **settings)

@@ -86,9 +86,19 @@ def in_folder(source: WindowFolder, blocks: Iterable[Transitions]) -> WindowData
 
     Raises UsageError if the folder holds anything else.
     """
-    if not os.path.exists(source.folder):  # a name may be too long to be looked for
-        refuse_inside(source.folder)
-        _make(source, blocks)
+    folder, description, sizes = source
+    if not os.path.exists(folder):  # a name may be too long to be looked for
+        refuse_inside(folder)
+        target = resolved(folder)
+        with locked_part(target, folder, patience=PATIENCE) as part:
+            if part.receipts:
+                raise UsageError(
+                    f"{folder}: an unfinished run of generate has this name; choose another folder"
+                )
+            part.clear()  # what a killed process has left
+            if not target.exists():  # another process may have made it meanwhile
+                _write(part.folder / "windows", description, sizes, blocks)
+                part.place(part.folder / "windows")
     return mapped(source)
 
 
@@ -114,19 +124,6 @@ def mapped(source: WindowFolder) -> WindowData:
 
 def _damaged(folder: Path, description: object) -> UsageError:
     return UsageError(f"folder: {folder} is damaged ({description}); remove it, or choose another folder")
-
-
-def _make(source: WindowFolder, blocks: Iterable[Transitions]) -> None:
-    """Make a folder of windows in its part, unless another process has made it meanwhile."""
-    folder, description, sizes = source
-    target = resolved(folder)
-    with locked_part(target, folder, patience=PATIENCE) as part:
-        if part.receipts:
-            raise UsageError(f"{folder}: an unfinished run of generate has this name; choose another folder")
-        part.clear()  # what a killed process has left
-        if not target.exists():
-            _write(part.folder / "windows", description, sizes, blocks)
-            part.place(part.folder / "windows")
 
 
 def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:

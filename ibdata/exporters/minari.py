@@ -49,13 +49,18 @@ def place(source: Source, out: Path, id: str | None = None) -> Path:
 
 def episode(block: Block) -> dict[str, Any]:
     """The arrays of an episode of T steps: T + 1 observations (k · history) and infos (1), T of the rest."""
+    infos: Arrays = {}
+    for name, values in block.extras.items():
+        if not name.startswith("next_"):
+            last = block.extras.get(f"next_{name}", np.array([np.nan], np.float32))[-1:]
+            infos[name] = np.concatenate([values, last])[:, None]  # Minari's Arrow cannot read (T + 1,) again
     return {
         "observations": np.concatenate([block.observations, block.next_observations[-1:]]),
         "actions": block.actions,
         "rewards": block.rewards,
         "terminations": block.terminated,
         "truncations": block.truncated,
-        "infos": _infos(block.extras),
+        "infos": infos,
     }
 
 
@@ -72,9 +77,7 @@ def export(source: Source, path: Path, target: Path, id: str | None = None) -> s
     reserve(path / "room", source.bytes + OVERHEAD * (source.episodes + 1))
     data = path.absolute() / "data"  # Minari fails at relative paths when it adds up sizes
     observations, actions = _spaces(source)
-    experiments = _experiments(source)
-    environment = _environment(source, experiments)
-    storage = MinariStorage.new(data, observations, actions, environment, data_format="hdf5")
+    storage = MinariStorage.new(data, observations, actions, _environment(source), data_format="hdf5")
     storage.update_metadata({**_metadata(source, name), **_references(source)})
     with read_back(data / FILE) as sums:
         storage.update_episodes(EpisodeBuffer(**arrays) for arrays in _episodes(source, sums))
@@ -110,16 +113,6 @@ def _id(source: Source, id: str | None) -> str:
     return name
 
 
-def _infos(extras: Arrays) -> Arrays:
-    """Each info at t = 0 … T, (T + 1, 1): Minari's Arrow cannot read (T + 1,) again."""
-    infos: Arrays = {}
-    for name, values in extras.items():
-        if not name.startswith("next_"):
-            last = extras[f"next_{name}"][-1:] if f"next_{name}" in extras else np.array([np.nan], np.float32)
-            infos[name] = np.concatenate([values, last])[:, None]
-    return infos
-
-
 def _spaces(source: Source) -> tuple[Any, Any]:
     """Boxes with the bounds of the columns."""
     from gymnasium.spaces import Box
@@ -133,27 +126,23 @@ def _spaces(source: Source) -> tuple[Any, Any]:
     return box(bounds * source.history), box([(-1.0, 1.0)] * len(ACTIONS))
 
 
-def _experiments(source: Source) -> list[dict[str, Any]]:
-    """The experiments of the exported episodes."""
-    experiments = declared_spec(source.selection.stored).experiments
-    stops = np.cumsum([experiment.episode_count for experiment in experiments])
-    numbers = np.unique(np.searchsorted(stops, source.table.index, side="right"))
-    return [experiments[number].plain() for number in numbers]
-
-
 def _common(experiments: list[dict[str, Any]], key: str) -> Any:
     """An option of the experiments, or None if they differ in it."""
     first, *others = (experiment[key] for experiment in experiments)
     return first if all(other == first for other in others) else None
 
 
-def _environment(source: Source, experiments: list[dict[str, Any]]) -> Any:
+def _environment(source: Source) -> Any:
     """The environment for `recover_environment`, with the dynamics, start and observations of the episodes.
 
     It has their setpoint, if there is only one. It is None if no environment is that of all episodes.
     """
     from gymnasium.envs.registration import EnvSpec
 
+    of_dataset = declared_spec(source.selection.stored).experiments
+    stops = np.cumsum([experiment.episode_count for experiment in of_dataset])
+    numbers = np.unique(np.searchsorted(stops, source.table.index, side="right"))
+    experiments = [of_dataset[number].plain() for number in numbers]
     dynamics, start = _common(experiments, "dynamics"), _common(experiments, "start")
     if dynamics is None or start is None:
         return None

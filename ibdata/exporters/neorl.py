@@ -24,7 +24,13 @@ def export(source: Source, path: Path, target: Path) -> str:
         raise UsageError(
             f"neorl: found {counted(source.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
         )
-    _refuse_other_setpoints(source)
+    if source.info.drifting:
+        raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
+    if len(source.setpoints) > 1:
+        shown = ", ".join(exact(p) for p in sorted(source.setpoints)[:5])
+        raise UsageError(
+            f"neorl: found the setpoints {shown}, expected one setpoint; use --split, see ibdata split"
+        )
     write_npz(source, _arrays, path, index=np.cumsum(source.lengths))
     return f"""\
 import numpy as np
@@ -43,15 +49,3 @@ def _arrays(block: Block) -> Arrays:
         "reward": block.rewards[:, None],
         "done": (block.terminated | block.truncated)[:, None].astype(np.float32),
     }
-
-
-def _refuse_other_setpoints(source: Source) -> None:
-    """Raise UsageError unless there is one setpoint that is constant."""
-    if source.info.drifting:
-        raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
-    setpoints = sorted(source.setpoints)
-    if len(setpoints) > 1:
-        shown = ", ".join(exact(p) for p in setpoints[:5])
-        raise UsageError(
-            f"neorl: found the setpoints {shown}, expected one setpoint; use --split, see ibdata split"
-        )

@@ -17,7 +17,6 @@ from ibdata.plots import PICTURES
 from ibdata.writing.card import ABOUT, facts
 
 MOST = 100  # rows of a table, and experiments
-SHOWN = ("mean", "std", "min", "max")
 # The browser loads nothing, whatever the texts of a dataset contain.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 LOAD = """\
@@ -37,7 +36,7 @@ def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes], mea
         "Pictures": _pictures(pictures),
         "Quality": _shown(measured),
         "Splits": _shown(dataset.splits) if dataset.splits else [],
-        "Statistics": _statistics(dataset),
+        "Statistics": _shown(dataset.statistics()),
         "Columns": _columns(dataset),
         "Experiment": _experiments(spec),
         "Load it": [f"<pre><code>{escape(LOAD)}</code></pre>"],
@@ -128,12 +127,6 @@ def _returns(dataset: Dataset) -> Iterable[str]:
 def _shown(result: Tabular) -> Iterable[str]:
     table, *_ = result.tables()
     yield _table(table.names, table.rows)
-
-
-def _statistics(dataset: Dataset) -> Iterable[str]:
-    columns = dataset.statistics()
-    rows = [(n, *(s[k] for k in SHOWN), s["quantiles"].get("0.5")) for n, s in columns.items()]
-    yield _table(("column", *SHOWN, "median"), rows)
 
 
 def _columns(dataset: Dataset) -> Iterable[str]:

@@ -42,7 +42,7 @@ class ViewOptions:
     @property
     def is_classic(self) -> bool:
         """Whether the frames are the six observed variables, without imperfections and actions."""
-        return self.observe in ("classic", OBSERVED) and not self.actions and not self.imperfections
+        return self.observe in ("classic", OBSERVED) and not self.actions and not self.imperfections.columns
 
     def columns(self, drifting: bool) -> tuple[str, ...]:
         """The observed columns. They depend on whether the setpoints move."""
