@@ -144,7 +144,10 @@ def _run(args: list[str]) -> int:
     with suppress(OSError):  # stderr or stdout may be what cannot be written
         _report(lines, hint)
         if "--json" in args:
-            _report_json(lines, code)
+            place = PLACE.match(lines[0])
+            file, line = (place["file"], int(place["line"])) if place else (None, None)
+            report = {"code": code, "message": "\n".join(lines), "file": file, "line": line}
+            print_json({"version": 1, "error": report})
     return code
 
 
@@ -209,10 +212,3 @@ def _report(lines: list[str], hint: str) -> None:
         notice(line, "" if begins_with_place else "ibdata: ")
     if hint:
         notice(hint, "")
-
-
-def _report_json(lines: list[str], code: int) -> None:
-    place = PLACE.match(lines[0])
-    file, line = (place["file"], int(place["line"])) if place else (None, None)
-    error = {"code": code, "message": "\n".join(lines), "file": file, "line": line}
-    print_json({"version": 1, "error": error})

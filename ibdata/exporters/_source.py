@@ -171,13 +171,13 @@ def d4rl_arrays(block: Block) -> Arrays:
     }
 
 
-def write_npz(source: Source, form: Callable[[Block], Arrays], path: Path, **others: Array) -> None:
+def write_npz(source: Source, make: Callable[[Block], Arrays], path: Path, **others: Array) -> None:
     """Write the arrays of all blocks, and others, as an NPZ that is not compressed."""
     arrays: Arrays = {}
     start = 0
     for block in source.blocks():
         stop = start + len(block.rewards)
-        for name, array in form(block).items():
+        for name, array in make(block).items():
             if name not in arrays:
                 arrays[name] = np.empty((source.rows, *array.shape[1:]), array.dtype)
             arrays[name][start:stop] = array

@@ -13,7 +13,7 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import csv
 
-from ibdata.dataset.transitions import Transitions, as_batch, stacked, transitions
+from ibdata.dataset.transitions import as_batch, stacked, transitions
 from ibdata.exporters._source import Source
 
 OBSERVED = ("observation", "next_observation")  # roles of columns for which there are frames
@@ -49,16 +49,10 @@ def _tables(source: Source) -> Iterator[pa.Table]:
                 out = out.append_column(name, rows[name].cast(pa.string()) if is_label else rows[name])
         for name in source.clean:
             out = out.append_column(f"clean_{name}", rows[name])
-        yield _with_history(source, out, block)
-
-
-def _with_history(source: Source, table: pa.Table, block: Transitions) -> pa.Table:
-    """The table with columns for earlier frames, newest first."""
-    if source.history == 1:
-        return table
-    histories = stacked(block.frames, block.next_frames, block.step, source.history)
-    for prefix, history in zip(("", "next_"), histories, strict=True):
-        for i in range(len(source.frame), history.shape[1]):
-            lag, place = divmod(i, len(source.frame))
-            table = table.append_column(f"{prefix}{source.frame[place]}_lag_{lag}", pa.array(history[:, i]))
-    return table
+        histories = stacked(block.frames, block.next_frames, block.step, source.history)  # newest first
+        for prefix, history in zip(("", "next_"), histories, strict=True):
+            for i in range(len(source.frame), history.shape[1]):
+                lag, number = divmod(i, len(source.frame))
+                name = f"{prefix}{source.frame[number]}_lag_{lag}"
+                out = out.append_column(name, pa.array(history[:, i]))
+        yield out

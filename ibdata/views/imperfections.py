@@ -34,9 +34,8 @@ KINDS = {
     "missing": (LEAST, 1.0, "a probability above 0 and at most 1"),
 }
 NOTHING: Mapping[str, Any] = {}
-ADDRESSED = of_role(
-    "observation", "latent", "drift", "derived"
-)  # the index of a variable is part of its addresses
+# The index of a variable is part of the addresses of its random numbers.
+ADDRESSED = of_role("observation", "latent", "drift", "derived")
 
 
 @dataclass(frozen=True)

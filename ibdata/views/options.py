@@ -66,15 +66,11 @@ class ViewOptions:
 
     def changed(self) -> dict[str, Any]:
         """The options that differ from those of the plain view, as JSON data for `view_of`."""
-        options = {
-            "observe": self.observe,
-            "actions": self.actions,
-            "reward": self.reward.plain(),
-            "reward_scale": self.reward_scale,
-            "imperfections": self.imperfections.plain(),
-            "cost": None if self.cost is None else self.cost.plain(),
+        return {
+            name: option.plain() if isinstance(option, Reward | Imperfections | Cost) else option
+            for name, option in vars(self).items()
+            if option != getattr(PLAIN, name)
         }
-        return {name: value for name, value in options.items() if getattr(self, name) != getattr(PLAIN, name)}
 
     def plain(self, drifting: bool) -> dict[str, Any]:
         """The view as JSON data, as exports keep it."""
