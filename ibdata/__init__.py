@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.maintenance.repair import repair as repair
     from ibdata.maintenance.reproduce import reproduce as reproduce
     from ibdata.maintenance.split import split as split
-    from ibdata.measures.quality import quality as quality
+    from ibdata.measures import quality as quality
     from ibdata.policies.save_network import save_network as save_network
     from ibdata.validation.validate import validate as validate
 
@@ -50,7 +50,7 @@ _MODULES = {
     "merge": "maintenance.merge",
     "noise_floor": "evaluation.noise_floor",
     "open": "dataset.dataset",
-    "quality": "measures.quality",
+    "quality": "measures",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",
     "save_network": "policies.save_network",

@@ -20,20 +20,20 @@ from typing import TextIO
 
 import click
 
+from ibdata.cli._options import Suggesting
 from ibdata.cli._printing import print_json, shortened
-from ibdata.cli._suggesting import Suggesting
 from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, notice, printable
 from ibdata.system import processes
 from ibdata.version import __version__
 
 COMMANDS = {  # by what they are for; the module of each
     "Use": {
-        "init": "make", "generate": "make", "info": "read", "head": "read", "stats": "read", "plot": "draw",
-        "evaluate": "evaluate", "export": "export", "config": "config",
+        "init": "make", "generate": "make", "info": "read", "head": "read", "stats": "read", "plot": "use",
+        "evaluate": "use", "export": "use", "config": "config",
     },
     "Maintain": {
-        "ls": "read", "validate": "check", "repair": "check", "reproduce": "check", "split": "split",
-        "merge": "make", "finalize": "make", "card": "draw",
+        "ls": "read", "validate": "check", "repair": "check", "reproduce": "check", "split": "make",
+        "merge": "make", "finalize": "make", "card": "use",
     },
 }  # fmt: skip
 MODULES = {name: module for modules in COMMANDS.values() for name, module in modules.items()}
@@ -144,7 +144,10 @@ def _run(args: list[str]) -> int:
     with suppress(OSError):  # stderr or stdout may be what cannot be written
         _report(lines, hint)
         if "--json" in args:
-            _report_json(lines, code)
+            place = PLACE.match(lines[0])
+            file, line = (place["file"], int(place["line"])) if place else (None, None)
+            report = {"code": code, "message": "\n".join(lines), "file": file, "line": line}
+            print_json({"version": 1, "error": report})
     return code
 
 
@@ -209,10 +212,3 @@ def _report(lines: list[str], hint: str) -> None:
         notice(line, "" if begins_with_place else "ibdata: ")
     if hint:
         notice(hint, "")
-
-
-def _report_json(lines: list[str], code: int) -> None:
-    place = PLACE.match(lines[0])
-    file, line = (place["file"], int(place["line"])) if place else (None, None)
-    error = {"code": code, "message": "\n".join(lines), "file": file, "line": line}
-    print_json({"version": 1, "error": error})

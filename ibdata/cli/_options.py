@@ -1,17 +1,78 @@
-"""Arguments and options that several commands share, and what a shell completes in their places."""
+"""What commands share: groups, help that ends with a list, arguments, options, and what a shell completes."""
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from functools import wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, notice, suggestion
+
+# What other programs call a command, or what a command writes, and the command.
+MEANT = {"list": "ls", "report": "card", "check": "validate", "show": "info", "make": "generate"}
+
+
+class Suggesting(click.Group):
+    """A group of commands that suggests a similar command in place of an unknown one."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Without arguments, print the help on stderr; the exit code is 2."""
+        if not args and not ctx.resilient_parsing:
+            for line in ctx.get_help().split("\n"):
+                notice(line, "")
+            ctx.exit(2)
+        return super().parse_args(ctx, args)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            word, known = args[0], self.list_commands(ctx)
+            meant = MEANT.get(word, "")
+            hint = f"; did you mean {meant!r}?" if meant in known else suggestion(word, known) or "."
+            raise click.UsageError(f"No such command {word!r}{hint}", ctx=error.ctx) from None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write each command with its whole summary, which may take several lines."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, self.summary(ctx, name)) for name in self.list_commands(ctx)])
+
+    def summary(self, ctx: click.Context, name: str) -> str:
+        """The first sentence of a command's help."""
+        command = self.get_command(ctx, name)
+        return command.get_short_help_str(limit=1000) if command else ""
+
+
+class Listing(click.Command):
+    """A command whose help ends with a list of names and descriptions."""
+
+    def __init__(
+        self, *args: Any, title: str, entries: Callable[[], list[tuple[str, str]]], **options: Any
+    ) -> None:
+        super().__init__(*args, **options)
+        self._title, self._entries = title, entries
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section(self._title):
+            formatter.write_dl(self._entries())
+
+
+def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
+    """The first paragraph of the docstring of each module, which is not imported, because that takes long."""
+    (folder,) = import_module(package).__path__
+    modules = {name: ast.parse(Path(folder, f"{name}.py").read_bytes()) for name in names}
+    return [
+        (name, " ".join((ast.get_docstring(code) or "").partition("\n\n")[0].split()))
+        for name, code in modules.items()
+    ]
 
 
 class Place(click.Path):
@@ -48,36 +109,19 @@ MOST_EPISODES = 10_000_000  # of a range
 LOCAL, YAML = Place(urls=False), Yaml()
 
 
-def completing(known: Callable[[], Iterable[str]]) -> Callable[..., list[CompletionItem]]:
-    """Offer the known words that begin as the incomplete one does; a failure offers none."""
-
-    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        with suppress(Exception):
-            return [CompletionItem(word) for word in known() if word.startswith(incomplete)]
-        return []
-
-    return complete
-
-
-def _experiments() -> list[str]:
-    from ibdata.experiment.shipped import shipped, suites
-
-    return [*suites(), *shipped()]
-
-
-def _policies() -> Iterable[str]:
+def policies(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """The kinds of policies that begin as the incomplete word does."""
     from ibdata.policies import POLICIES
 
-    return POLICIES
-
-
-policies = completing(_policies)
-_shipped = completing(_experiments)
+    return [CompletionItem(kind) for kind in POLICIES if kind.startswith(incomplete)]
 
 
 def configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Files, and the shipped experiments."""
-    return [CompletionItem(incomplete, type="file"), *_shipped(ctx, param, incomplete)]
+    from ibdata.experiment.shipped import shipped, suites
+
+    names = [name for name in (*suites(), *shipped()) if name.startswith(incomplete)]
+    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, names)]
 
 
 place_argument = click.argument("folder", metavar="DIR|URL", type=Place())
@@ -92,9 +136,9 @@ set_option = click.option(
 seed_option = click.option("--seed", type=int, metavar="N", help="Override the seed of the experiment.")
 
 
-def _one_or_several(context: click.Context, option: click.Parameter, names: tuple[str, ...]) -> Any:
-    """A name, several as a list, or None."""
-    return list(names) if len(names) > 1 else next(iter(names), None)
+def one_or_several(context: click.Context, option: click.Parameter, values: tuple[Any, ...]) -> Any:
+    """A value, several as a list, or None."""
+    return list(values) if len(values) > 1 else next(iter(values), None)
 
 
 def _numbers(context: click.Context, option: click.Parameter, text: str | None) -> list[int] | None:
@@ -113,7 +157,7 @@ def _numbers(context: click.Context, option: click.Parameter, text: str | None) 
 
 def _repeated(name: str, metavar: str, rows: str, kind: type = str) -> Callable[..., Any]:
     help = f"Use only rows {rows}; give it again for several."
-    return click.option(name, metavar=metavar, type=kind, multiple=True, callback=_one_or_several, help=help)
+    return click.option(name, metavar=metavar, type=kind, multiple=True, callback=one_or_several, help=help)
 
 
 split_option = _repeated("--split", "NAME", "of this split")

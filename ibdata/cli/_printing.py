@@ -6,20 +6,21 @@ import functools
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import click
 
 from ibdata.errors import hidden, notice, printable
+from ibdata.numerics.naming import counted, size
+
+if TYPE_CHECKING:
+    from ibdata.dataset.dataset import Dataset
 
 MAX_LINES = 12  # of a list of problems or results
 
 
 class Result(Protocol):
-    """What a command returns: its `repr` is printed, or `plain` with --json.
-
-    It may also have `problems`, lines for stderr, and an `exit_code`.
-    """
+    """What a command returns, such as a result of the library: its `repr` or `plain` (--json) is printed."""
 
     def plain(self) -> Mapping[str, Any]: ...
 
@@ -29,7 +30,7 @@ class Printed(NamedTuple):
 
     data: Mapping[str, Any]  # with --json
     text: object  # without it
-    exit_code: int = 0
+    problems: Sequence[object] = ()  # lines for stderr; if there are any, the exit code is 3
 
     def plain(self) -> Mapping[str, Any]:
         return self.data
@@ -48,9 +49,10 @@ def prints_result(function: Callable[..., Result]) -> Callable[..., None]:
             print_json({"version": 1, **result.plain()})
         elif text := repr(result):
             say(text)
-        for line in shortened(getattr(result, "problems", ())):
+        problems = result.problems if isinstance(result, Printed) else ()
+        for line in shortened(problems):
             notice(line, "")
-        click.get_current_context().exit(getattr(result, "exit_code", 0))
+        click.get_current_context().exit(3 if problems else 0)
 
     return click.option("--json", "as_json", is_flag=True, help="Print the result as one JSON document.")(
         command
@@ -96,3 +98,17 @@ def shortened(lines: Sequence[object]) -> list[str]:
 def lines(texts: Iterable[object]) -> str:
     """One line for each text, whatever characters it holds."""
     return "\n".join(printable(str(text)) for text in texts)
+
+
+def contents(dataset: Dataset) -> list[tuple[str, object]]:
+    """Rows, files and content root of a dataset, as text."""
+    counts = dataset.stored.info.counts
+    lengths = [counts.steps or 0]
+    if counts.steps is None:
+        lengths = dataset.stored.episodes["length"].unique().to_pylist()
+    steps = " or ".join([*(f"{n:,}" for n in lengths[:-1]), counted(lengths[-1], "step")])
+    return [
+        ("rows", f"{counts.rows:,} in {counted(counts.episodes, 'episode')} of {steps}"),
+        ("files", f"{counts.shards:,} Parquet, {size(dataset.stored.manifest.data_bytes)}"),
+        ("content root", dataset.content_root),
+    ]

@@ -22,18 +22,10 @@ if TYPE_CHECKING:
     from ibdata.validation.rules import Problem
 
 
-class Checked:
-    """The result of a check: a line if all is well, else the problems on stderr and the exit code 3."""
-
-    def __init__(self, problems: Sequence[Problem], fine: str, **data: Any) -> None:
-        self.problems, self._fine, self._data = problems, fine, data
-        self.exit_code = 3 if problems else 0
-
-    def plain(self) -> dict[str, Any]:
-        return {**self._data, "problems": [problem._asdict() for problem in self.problems]}
-
-    def __repr__(self) -> str:
-        return "" if self.problems else self._fine
+def checked(problems: Sequence[Problem], fine: str, **data: Any) -> Printed:
+    """The result of a check: a line if all is well, else the problems."""
+    data["problems"] = [problem._asdict() for problem in problems]
+    return Printed(data, "" if problems else fine, problems)
 
 
 @click.command("validate")
@@ -41,7 +33,7 @@ class Checked:
 @click.option("--quick", is_flag=True, help="Check only the hashes of the files, and the splits.")
 @progress_option
 @prints_result
-def validate_command(folder: Path | str, quick: bool, progress: bool | None) -> Checked:
+def validate_command(folder: Path | str, quick: bool, progress: bool | None) -> Printed:
     """Check every file and every row of a dataset.
 
     Prints each problem with file, row and rule, and with what was found and expected; the exit code is 3 if
@@ -57,7 +49,7 @@ def validate_command(folder: Path | str, quick: bool, progress: bool | None) -> 
     place = existing(folder)
     problems = validate(place, quick, progress=progress)
     fine = f"{place}: valid" + (" (hashes only)" if quick else "")
-    return Checked(problems, fine, path=str(place), valid=not problems)
+    return checked(problems, fine, path=str(place), valid=not problems)
 
 
 @click.command("repair")
@@ -88,7 +80,7 @@ def repair_command(folder: Path, workers: int | None, allow_code: bool) -> Print
 @click.option("--episodes", type=int, metavar="N", help="Compare N evenly spread episodes; default: all.")
 @allow_code_option
 @prints_result
-def reproduce_command(folder: Path, episodes: int | None, allow_code: bool) -> Checked:
+def reproduce_command(folder: Path, episodes: int | None, allow_code: bool) -> Printed:
     """Generate a dataset again in memory and compare it with the stored one.
 
     Prints the episodes that differ; the exit code is 3 if there are any. Nothing is written.
@@ -103,4 +95,4 @@ def reproduce_command(folder: Path, episodes: int | None, allow_code: bool) -> C
     place = existing(folder)
     count, problems = reproduce(place, episodes, allow_code)
     fine = f"{place}: {counted(count, 'episode')} made again, all the same"
-    return Checked(problems, fine, path=str(place), episodes=count, same=not problems)
+    return checked(problems, fine, path=str(place), episodes=count, same=not problems)

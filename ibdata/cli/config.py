@@ -1,14 +1,11 @@
 """The commands of config."""
 
 import json
-from collections.abc import Mapping
-from typing import Any
 
 import click
 
-from ibdata.cli._options import configs, seed_option, set_option
+from ibdata.cli._options import Suggesting, configs, seed_option, set_option
 from ibdata.cli._printing import Printed, Result, print_json, prints_result
-from ibdata.cli._suggesting import Suggesting
 from ibdata.errors import printable
 from ibdata.numerics.naming import counted
 
@@ -52,12 +49,9 @@ def policies() -> Printed:
     for policy in kinds:
         lines.append(f"{policy['kind']}: {policy['summary']}")
         for option in policy["options"]:
-            lines.append(f"    {option['name']} ({_default(option)}): {option['description']}")
+            default = "required" if option["required"] else f"default {json.dumps(option['default'])}"
+            lines.append(f"    {option['name']} ({default}): {option['description']}")
     return Printed({"policies": kinds}, "\n".join(lines))
-
-
-def _default(option: Mapping[str, Any]) -> str:
-    return "required" if option["required"] else f"default {json.dumps(option['default'])}"
 
 
 @config_command.command("validate")

@@ -1,11 +1,11 @@
-"""Commands that make datasets: init, generate, finalize, merge."""
+"""Commands that make and split datasets: init, generate, finalize, merge, split."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,9 +20,14 @@ from ibdata.cli._options import (
     set_option,
     workers_option,
 )
-from ibdata.cli._printing import Printed, Result, prints_result
-from ibdata.cli._results import Made, Suite
+from ibdata.cli._printing import Printed, Result, contents, prints_result
+from ibdata.dataset.tabular import pairs
 from ibdata.errors import UsageError
+from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
+from ibdata.numerics.naming import counted, size, within
+
+if TYPE_CHECKING:
+    from ibdata.dataset.dataset import Dataset
 
 
 @click.command("init")
@@ -122,7 +127,40 @@ def generate_command(
     if shards is not None:
         part: Result = result
         return part
-    return Suite(result, seconds) if isinstance(result, Mapping) else Made(result, seconds)
+    return _suite(result, seconds) if isinstance(result, Mapping) else _made(result, seconds)
+
+
+def _counts(dataset: Dataset) -> dict[str, Any]:
+    """The place, counts and content root of a dataset."""
+    return {"out": dataset.place, **dataset.info["counts"], "content_root": dataset.content_root}
+
+
+def _made(dataset: Dataset, seconds: float | None = None) -> Printed:
+    """A dataset that a command made, perhaps with the seconds that it took."""
+    data, lines = _counts(dataset), [("dataset", dataset.place), *contents(dataset)]
+    if seconds is not None:
+        data["seconds"] = seconds
+        lines.append(("seconds", f"{seconds:.1f}"))
+    return Printed(data, pairs(lines))
+
+
+def _suite(datasets: Mapping[str, Dataset], seconds: float) -> Printed:
+    """The datasets of a folder of experiments, and the seconds that they took."""
+    folder = str(Path(next(iter(datasets.values())).place).parent)
+    rows, size_of_all, lines, listed = 0, 0, [], []
+    for name, dataset in datasets.items():
+        rows += len(dataset)
+        size_of_all += dataset.stored.manifest.data_bytes
+        lines.append(f"{dataset.place}: {counted(len(dataset), 'row')}, content root {dataset.content_root}")
+        listed.append({"name": name, **_counts(dataset)})
+    total = [
+        ("datasets", f"{len(datasets)} in {folder}"),
+        ("rows", f"{rows:,}"),
+        ("bytes", size(size_of_all)),
+        ("time", f"{seconds:.1f} s"),
+    ]
+    data = {"out": folder, "datasets": listed, "rows": rows, "seconds": seconds}
+    return Printed(data, "\n".join([*lines, "", pairs(total)]))
 
 
 def _only_one(argument: str | None, option: str | None) -> str:
@@ -138,7 +176,7 @@ def _only_one(argument: str | None, option: str | None) -> str:
 @click.command("finalize")
 @folder_argument
 @prints_result
-def finalize_command(folder: Path) -> Result:
+def finalize_command(folder: Path) -> Printed:
     """Complete a dataset whose parts were made by `ibdata generate --shards`.
 
     Every shard is checked first. If some are missing, the error names them and the command that makes them.
@@ -150,14 +188,14 @@ def finalize_command(folder: Path) -> Result:
     """
     from ibdata.generation.generate import finalize
 
-    return Made(finalize(folder))
+    return _made(finalize(folder))
 
 
 @click.command("merge")
 @click.argument("folders", metavar="DIR…", nargs=-1, required=True, type=LOCAL)
 @click.option("--out", required=True, type=LOCAL, metavar="DIR", help="The folder to make.")
 @prints_result
-def merge_command(folders: tuple[Path, ...], out: Path) -> Result:
+def merge_command(folders: tuple[Path, ...], out: Path) -> Printed:
     """Merge datasets with the same columns into a new one.
 
     Datasets that share an episode, or the beginning of one, are refused.
@@ -167,4 +205,115 @@ def merge_command(folders: tuple[Path, ...], out: Path) -> Result:
     """
     from ibdata.maintenance.merge import merge
 
-    return Made(merge(folders, out))
+    return _made(merge(folders, out))
+
+
+def _fractions(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    try:
+        return tuple(float(part) for part in value.split(","))
+    except ValueError:
+        raise click.BadParameter(f"found {value!r}, expected numbers such as 0.8,0.1,0.1") from None
+
+
+def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    pairs = [value.partition("=")[::2] for value in values]
+    for value, (split, name) in zip(values, pairs, strict=True):
+        if not (split and name):
+            raise click.BadParameter(f"found {value!r}, expected two names such as source=at-50")
+    return dict(pairs)
+
+
+@click.command("split")
+@folder_argument
+@click.option(
+    "--by",
+    type=click.Choice(list(OPTIONS)),
+    help="The property that decides the split of an episode.",
+)
+@click.option(
+    "--scheme",
+    type=click.Choice(list(SCHEMES)),
+    help=f"By setpoint: how to split the setpoints; default {DEFAULT_SCHEME}.",
+)
+@click.option("--source", type=float, multiple=True, metavar="P", help="A source setpoint; may be repeated.")
+@click.option("--target", type=float, multiple=True, metavar="P", help="A target setpoint; may be repeated.")
+@click.option("--shots", type=int, metavar="N", help="Episodes per policy and target setpoint; default: all.")
+@click.option("--transitions", type=int, metavar="N", help="Like --shots, but a number of rows.")
+@click.option(
+    "--within",
+    type=float,
+    metavar="D",
+    help="With --scheme distance: the largest distance of a near setpoint from the source.",
+)
+@click.option(
+    "--fractions",
+    callback=_fractions,
+    metavar="F,F,…",
+    help="By episode: the shares of train, validation and test, or of train and test; default 0.8,0.1,0.1.",
+)
+@click.option("--prefix", metavar="NAME", help="Name the new splits NAME-source, NAME-target, …")
+@click.option(
+    "--name",
+    "names",
+    callback=_names,
+    multiple=True,
+    metavar="SPLIT=NAME",
+    help="Name one of the new splits, e.g. --name source=at-50; may be repeated.",
+)
+@click.option("--remove", multiple=True, metavar="NAME", help="Remove this split; may be repeated.")
+@click.option("--list", "as_list", is_flag=True, help="Print the splits, and change nothing.")
+@click.option(
+    "--materialize",
+    type=LOCAL,
+    metavar="OUT",
+    help="Write a copy to OUT in which each split has its own files.",
+)
+@prints_result
+def split_command(folder: Path, as_list: bool, **options: Any) -> Printed:
+    """Split a dataset: label its episodes, or write a copy in which every split has its own files.
+
+    \b
+    ibdata split data/random --by setpoint --source 50 --target 70
+    ibdata split data/random --by setpoint --scheme leave-one-out --prefix fold
+    ibdata split data/many --by episode --fractions 0.7,0.3
+    ibdata split data/many --list
+    ibdata split data/many --remove test
+    ibdata split data/many --materialize data/many-files
+    """
+    from ibdata.dataset.dataset import Dataset
+
+    if as_list:
+        for option, value in options.items():
+            if value not in (None, (), {}):
+                name = "name" if option == "names" else option
+                raise click.UsageError(f"--list changes nothing, but found --{name} too; give one of them")
+        return _splits(Dataset(folder), {})
+    from ibdata.maintenance.split import split
+
+    before = {} if options["materialize"] else Dataset(folder).stored.splits
+    return _splits(split(folder, **options), before)
+
+
+def _splits(dataset: Dataset, before: Mapping[str, Any]) -> Printed:
+    """The splits of a dataset, and what became of those that it had before."""
+    now, splits = dataset.stored.splits, dataset.splits
+    replaced = [name for name in before if name in now and before[name] != now[name]]
+    removed = [name for name in before if name not in now]
+    taken_away = {"replaced": replaced, "removed": removed}
+    lines = [f"removed the split {name}" for name in removed]
+    lines += [f"replaced the split {name}; --prefix or --name keeps both" for name in replaced]
+    width = max(map(len, splits), default=0)
+    for name, split in splits.items():
+        kind = "whole files" if split["declared"] else "labels"
+        lines.append(f"{name.ljust(width)}  {within(split['rows'], split['episodes'])} ({kind})")
+    if not splits:
+        lines.append(f"{dataset.place}: no splits")
+    data = {
+        "path": dataset.place,
+        "splits": splits,
+        "content_root": dataset.content_root,
+        "taken_away": {change: names for change, names in taken_away.items() if names},
+    }
+    return Printed(data, "\n".join(lines))

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from ibdata.cli._options import LOCAL, place_argument, selects, split_option
-from ibdata.cli._printing import Printed, Result, prints_result
-from ibdata.cli._results import Description
-from ibdata.dataset.tabular import transposed
+from ibdata.cli._printing import MAX_LINES, Printed, Result, contents, prints_result
+from ibdata.dataset.tabular import Table, as_text, pairs, transposed
 from ibdata.errors import notice
-from ibdata.numerics.naming import counted
+from ibdata.numerics.naming import counted, within
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset
+    from ibdata.dataset.returns import Returns
 
 MAX_ROWS = 1_000_000
+SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mean_reward", "reference_score")
 
 
 @click.command("ls")
@@ -41,17 +43,56 @@ def ls_command(folder: Path) -> Result:
 @click.command("info")
 @place_argument
 @prints_result
-def info_command(folder: Path | str) -> Result:
+def info_command(folder: Path | str) -> Printed:
     """Describe a dataset: its contents and the returns of its policies.
 
     \b
     ibdata info data/random
     """
     from ibdata.dataset.dataset import Dataset
+    from ibdata.measures import return_measures
 
     dataset = Dataset(folder)
     _name_lost_shards(dataset)
-    return Description(dataset)
+    returns = dataset.returns()
+    measures = return_measures(dataset.stored.episodes, dataset.stored.info)._asdict()
+    data = {
+        "path": dataset.place,
+        "content_root": dataset.content_root,
+        "info": dataset.info,
+        "splits": dataset.splits,
+        "returns": returns,
+        "quality": measures,
+    }
+    return Printed(data, "\n".join([_described(dataset), "", *_scored(returns, measures)]))
+
+
+def _described(dataset: Dataset) -> str:
+    """The contents of a dataset."""
+    info = dataset.stored.info
+    dynamics = "several" if info.dynamics is None else info.dynamics
+    lines = [("name", info.name), ("dynamics", dynamics), *contents(dataset)]
+    for name, split in dataset.splits.items():
+        lines.append((f"split {name}", within(split["rows"], split["episodes"])))
+    for role in dict.fromkeys(column.role for column in info.columns):
+        lines.append((role, ", ".join(info.names(role))))
+    return pairs(lines)
+
+
+def _scored(returns: Returns, measures: Mapping[str, float | None]) -> list[str]:
+    """The first of the mean returns of each policy at each setpoint, and the measures of all returns."""
+    from ibdata.measures import MEANING
+
+    rows = [[*map(dict(line).get, SHOWN)] for line in returns["results"]]
+    lines = [as_text(Table([name.replace("_", " ") for name in SHOWN], rows[:MAX_LINES]))]
+    if len(rows) > MAX_LINES:
+        lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")
+    none = "no reference score: no references are stored for these dynamics, starts and steps"
+    lines.append(f"reference score: {returns['scale']}" if returns["scale"] else none)
+    for name, value in measures.items():
+        if value is not None:
+            lines.append(f"{name.replace('_', ' ')}: {value:.2f}, {MEANING[name]}")
+    return lines
 
 
 @click.command("head")
@@ -104,7 +145,7 @@ def stats_command(selection: Dataset, of_quality: bool) -> Result:
     ibdata stats data/random --quality --returns -250000 inf
     """
     if of_quality:
-        from ibdata.measures.quality import quality
+        from ibdata.measures import quality
 
         measures = quality(selection)
         return Printed({"quality": measures.plain()}, measures)

@@ -27,7 +27,9 @@ def episode_digests(runs: list[Values], lengths: list[int]) -> list[bytes]:
             each episode.
         lengths: The steps of each episode, in order.
     """
-    runs = [run if isinstance(run, list) else _little_endian(run) for run in runs]
+    runs = [
+        run if isinstance(run, list) else run.astype(run.dtype.newbyteorder("<"), copy=False) for run in runs
+    ]
     digests = []
     row = 0
     for i, length in enumerate(lengths):
@@ -43,10 +45,6 @@ def text(value: str) -> bytes:
     """Encode a text for a digest: its length in bytes, then its UTF-8 bytes."""
     encoded = value.encode()
     return len(encoded).to_bytes(8, "little") + encoded
-
-
-def _little_endian(run: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return run.astype(run.dtype.newbyteorder("<"), copy=False)
 
 
 def content_root(described: Iterable[tuple[str, str]], episodes: Iterable[tuple[bytes, int, bytes]]) -> str:

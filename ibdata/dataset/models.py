@@ -112,7 +112,7 @@ class SplitEntry(JsonObject):
     runs: list[Annotated[list[Count], Field(min_length=2, max_length=2)]] = []
 
 
-class Splits(RootModel[dict[Name, SplitEntry]]):
+class SplitsFile(RootModel[dict[Name, SplitEntry]]):
     """meta/splits.json: the splits by name."""
 
     model_config = ConfigDict(strict=True, frozen=True)
@@ -170,10 +170,10 @@ class Statistics(JsonObject):
 Parsed = TypeVar("Parsed", bound=BaseModel)
 
 
-def parse(form: type[Parsed], data: Any) -> Parsed:
+def parse(model: type[Parsed], data: Any) -> Parsed:
     """Parse JSON data as a model. Raises ValueError with a message of one line if they have another form."""
     try:
-        return form.model_validate(data)
+        return model.model_validate(data)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
     where = printable(".".join(str(part) for part in first["loc"]) or "top")

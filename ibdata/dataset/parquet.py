@@ -91,24 +91,19 @@ def opened(
             count = file.metadata.num_rows
             if rows is not None and count != rows:
                 raise files.error(path, f"found {count} rows, expected {rows}; see ibdata validate")
-            if problem := _other_columns(file.schema_arrow, names or ()):
-                raise files.error(path, f"{problem}; see ibdata validate")
+            schema = file.schema_arrow
+            for name in names or ():
+                if name not in schema.names:
+                    raise files.error(path, f"{name}: missing, expected a column; see ibdata validate")
+                dtype = plain_type(schema.field(name).type)
+                if isinstance(names, Mapping) and dtype != names[name]:
+                    problem = f"{name}: found a column of {dtype}, expected {names[name]}"
+                    raise files.error(path, f"{problem}; see ibdata validate")
             yield file
     except DatasetError:
         raise
     except errors as error:
         raise files.error(path, f"cannot be read, see ibdata validate: {reason(error)}") from None
-
-
-def _other_columns(schema: pa.Schema, names: Names) -> str | None:
-    """The first column that is missing or of another type than expected, in words."""
-    for name in names:
-        if name not in schema.names:
-            return f"{name}: missing, expected a column"
-        dtype = plain_type(schema.field(name).type)
-        if isinstance(names, Mapping) and dtype != names[name]:
-            return f"{name}: found a column of {dtype}, expected {names[name]}"
-    return None
 
 
 def plain_type(kind: pa.DataType) -> str:

@@ -74,15 +74,15 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
     cells = np.array(episodes["cell"].to_pylist(), dtype=object)
     scales = {steps: scale_of(info, steps) for steps in np.unique(lengths).tolist()}
     results: list[Result] = []
-    for places in _of_equal(cells, lengths):
-        estimated, first = estimate([returns[places]]), places[0]
+    for numbers in _of_equal(cells, lengths):
+        estimated, first = estimate([returns[numbers]]), numbers[0]
         setpoint, steps = decimal(setpoints[first]), int(lengths[first])
         scale = scales[steps]
         results.append(
             {
                 "policy": policies[first],
                 "setpoint": setpoint,
-                "episodes": len(places),
+                "episodes": len(numbers),
                 "steps": steps,
                 "mean_return": estimated.mean,
                 "standard_error": estimated.standard_error,
@@ -97,7 +97,7 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
 
 
 def _of_equal(cells: Objects, lengths: Ints) -> list[Ints]:
-    """The places of the episodes of each cell and length, in the order of the first of them."""
+    """The numbers of the episodes of each cell and length, in the order of the first of them."""
     new = (cells[1:] != cells[:-1]) | (lengths[1:] != lengths[:-1])
     starts = [0, *(np.flatnonzero(new) + 1).tolist(), len(cells)]
     runs: dict[tuple[str, int], list[Ints]] = {}

@@ -12,7 +12,7 @@ from ibdata.dataset.models import Quantile, Statistic
 from ibdata.numerics.compiled import compiled
 
 Floats = npt.NDArray[np.float64]
-Table = npt.NDArray[Any]  # (columns, rows), float32 or float64
+Matrix = npt.NDArray[Any]  # (columns, rows), float32 or float64
 
 SAMPLE_ROWS = 50_000  # of a dataset
 SAMPLE_LEAST = 200  # of a shard, so that small splits have some
@@ -31,8 +31,8 @@ class Moments(NamedTuple):
     counts: npt.NDArray[np.int64]
 
 
-def moments(table: Table) -> Moments:
-    """The moments of a table (columns, rows), summed in a fixed order."""
+def moments(table: Matrix) -> Moments:
+    """The moments of rows (columns, rows), summed in a fixed order."""
     found = []
     for x in table:
         of_column = _moments(x)
@@ -45,7 +45,7 @@ def moments(table: Table) -> Moments:
     )
 
 
-def _moments(x: Table) -> tuple[float, float, float, float, int]:
+def _moments(x: Matrix) -> tuple[float, float, float, float, int]:
     """The moments of a column (rows,). Those of no rows change no others that they are merged with."""
     if not len(x):
         return 0.0, 0.0, np.inf, -np.inf, 0
@@ -92,9 +92,9 @@ class RowStatistics:
     def __init__(self, rows: int, total: int) -> None:
         self._stride, self._seen = sample_stride(rows, total), 0
         self._moments: Moments | None = None
-        self._samples: list[Table] = []
+        self._samples: list[Matrix] = []
 
-    def add(self, table: Table) -> Moments:
+    def add(self, table: Matrix) -> Moments:
         """Add rows; return their moments."""
         part = moments(np.ascontiguousarray(table))
         self._moments = part if self._moments is None else merged(self._moments, part)
@@ -109,7 +109,7 @@ class RowStatistics:
         return self._moments
 
     @property
-    def sample(self) -> Table:
+    def sample(self) -> Matrix:
         """The sample."""
         return self._samples[0] if len(self._samples) == 1 else np.concatenate(self._samples, axis=1)
 
@@ -123,7 +123,7 @@ def of_batches(batches: Iterable[Any], names: Sequence[str], rows: int) -> dict[
 
 
 def described(
-    names: Sequence[str], parts: Moments, samples: list[Table], rows: list[int]
+    names: Sequence[str], parts: Moments, samples: list[Matrix], rows: list[int]
 ) -> dict[str, Statistic]:
     """Count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.
 
@@ -149,7 +149,7 @@ def described(
     }
 
 
-def _quantiles(sample: Table, weights: Floats | None) -> npt.NDArray[Any]:
+def _quantiles(sample: Matrix, weights: Floats | None) -> npt.NDArray[Any]:
     """The QUANTILES (quantiles, columns) of a sample, which may be reordered; each is a value of it."""
     finite = np.isfinite(sample)
     if not finite.all():
@@ -172,13 +172,13 @@ def _number(x: float) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def sums(rows: Table, lengths: int) -> Floats:
+def sums(rows: Matrix, lengths: int) -> Floats:
     """The sum of each run of `lengths` values of a column (rows,), in a fixed order."""
     return np.cumsum(rows.reshape(-1, lengths), axis=1, dtype=np.float64)[:, -1].copy()
 
 
 @compiled
-def _summed(x: Table, o: float, squared: bool) -> float:
+def _summed(x: Matrix, o: float, squared: bool) -> float:
     """The sum of x - o, or of its square. The differences come first, because that loop is vectorized."""
     d = np.empty(BLOCK)
     s0 = s1 = s2 = s3 = 0.0

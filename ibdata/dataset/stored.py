@@ -15,8 +15,16 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset import manifest, parquet
-from ibdata.dataset.models import Info, Manifest, Parsed, ShardEntry, SplitEntry, Statistics, parse
-from ibdata.dataset.models import Splits as SplitsFile
+from ibdata.dataset.models import (
+    Info,
+    Manifest,
+    Parsed,
+    ShardEntry,
+    SplitEntry,
+    SplitsFile,
+    Statistics,
+    parse,
+)
 from ibdata.dataset.splits import refuse_misfits
 from ibdata.errors import BusyError, DatasetError, UsageError, excerpt
 from ibdata.system.storage import Storage, reason, storage

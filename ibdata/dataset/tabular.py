@@ -132,8 +132,8 @@ def column_texts(values: Sequence[Any]) -> list[str]:
     ['[1.00, 2.50]', '[-10.25, 0.00]']
     """
     numbers = [x for value in values for x in (value if isinstance(value, tuple | list) else [value])]
-    form = column_format([x for x in numbers if isinstance(x, float)])
-    return [_shown(value, form) for value in values]
+    number_format = column_format([x for x in numbers if isinstance(x, float)])
+    return [_shown(value, number_format) for value in values]
 
 
 def _numeric(table: Table) -> list[bool]:
@@ -151,15 +151,15 @@ def _notes(table: Table) -> list[str]:
     return [*([f"and {more:,} more"] if more > 0 else []), *map(printable, table.notes)]
 
 
-def _shown(value: Any, form: str) -> str:
+def _shown(value: Any, number_format: str) -> str:
     if value is None:
         return "–"
     if isinstance(value, tuple | list):
         more = [f"… {len(value):,} in all"] if len(value) > MOST_VALUES else []
-        return f"[{', '.join([*(_shown(x, form) for x in value[:MOST_VALUES]), *more])}]"
+        return f"[{', '.join([*(_shown(x, number_format) for x in value[:MOST_VALUES]), *more])}]"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
-        text = format(value, form)
+        text = format(value, number_format)
         return text if text.strip("-0.") else text.lstrip("-")  # no zero has a sign
     return f"{value:,}" if isinstance(value, int) else printable(str(value))

@@ -13,11 +13,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ibdata.dataset.models import Info
 from ibdata.errors import DatasetError, UsageError
+from ibdata.views.imperfections import Measurement
 from ibdata.views.options import ACTIONS, ViewOptions
-from ibdata.views.rewards import COSTS, scaled
+from ibdata.views.rewards import scaled
 
 Array = npt.NDArray[Any]
 INDICES = ("episode", "step", "terminated", "truncated")
+COSTS = ("obs_consumption", "obs_fatigue")  # of which rewards are made
+NEXT_COSTS = ("next_obs_consumption", "next_obs_fatigue")
 
 
 class Transitions(NamedTuple):
@@ -45,7 +48,7 @@ def whole_episodes(batches: Iterable[pa.RecordBatch], place: Any) -> Iterator[pa
     """
     rest: list[pa.RecordBatch] = []
     for batch in batches:
-        last = np.flatnonzero(_numpy(batch["truncated"]) | _numpy(batch["terminated"]))
+        last = np.flatnonzero(batch["truncated"].to_numpy(False) | batch["terminated"].to_numpy(False))
         if not len(last):
             rest.append(batch)
             continue
@@ -72,25 +75,28 @@ def needed(info: Info, options: ViewOptions) -> list[str]:
 
     Raises UsageError if the view observes a column that the dataset does not have.
     """
-    observed, known = options.columns(info.drifting), {column.name for column in info.columns}
-    for name in (*observed, *_of_cost(options)):
+    names, known = _followed(info, options), {column.name for column in info.columns}
+    for name in names:
         if name not in known:
-            option = "observe" if name in observed else "cost"
+            option = "observe" if name in options.columns(info.drifting) else "cost"
             raise UsageError(
                 f"{option}: found {name}, expected columns of the dataset, which has no such values; "
                 "choose others, or generate it with another output: latent"
             )
-    costs = [] if options.reward.kind == "classic" else _costs("obs") + _costs("next_obs")
-    variables = _of_cost(options)
-    later = [f"next_{name}" for name in (*observed, *variables) if f"next_{name}" in known]
-    return list(dict.fromkeys([*INDICES, *observed, *variables, *later, *ACTIONS, "reward", *costs]))
+    costs = () if options.reward.kind == "classic" else COSTS + NEXT_COSTS
+    later = [f"next_{name}" for name in names if f"next_{name}" in known]
+    return list(dict.fromkeys([*INDICES, *names, *later, *ACTIONS, "reward", *costs]))
+
+
+def _followed(info: Info, options: ViewOptions) -> tuple[str, ...]:
+    """The columns whose next values are shown: those that are observed, and those of the cost."""
+    return (*options.columns(info.drifting), *(options.cost.variables if options.cost else ()))
 
 
 def left_out(info: Info, options: ViewOptions) -> bool:
     """Whether the last row of each episode is left out: its next frame or cost is not in the dataset."""
     known = {column.name for column in info.columns}
-    names = (*options.columns(info.drifting), *_of_cost(options))
-    return any(f"next_{name}" not in known for name in names)
+    return any(f"next_{name}" not in known for name in _followed(info, options))
 
 
 def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transitions:
@@ -103,7 +109,9 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     index = {name: table[name].to_numpy() for name in INDICES}
     actions, rewards = stacked_columns(table, ACTIONS), _rewards(table, options)
     frames, after = _now_and_after(table, options.columns(info.drifting))
-    costs = _costs_of(table, options)
+    costs = None
+    if options.cost is not None:
+        costs = options.cost.of(tuple(_now_and_after(table, options.cost.variables)[1].T))
     if not options.is_classic:
         frames, after, actions = (x.astype(np.float32, copy=False) for x in (frames, after, actions))
     if left_out(info, options):
@@ -172,30 +180,13 @@ def stacked_columns(table: pa.Table, names: Sequence[str]) -> Array:
     return np.stack([table[name].to_numpy() for name in names], axis=1)
 
 
-def _of_cost(options: ViewOptions) -> tuple[str, ...]:
-    """The columns of the next state from which the cost of a step follows."""
-    return () if options.cost is None else options.cost.variables
-
-
-def _costs_of(table: pa.Table, options: ViewOptions) -> Array | None:
-    """The costs (n,) of the steps, if the view has a cost."""
-    if options.cost is None:
-        return None
-    _, after = _now_and_after(table, options.cost.variables)
-    return options.cost.of(tuple(after.T))
-
-
-def _costs(prefix: str) -> list[str]:
-    return [f"{prefix}_{name}" for name in COSTS]
-
-
 def _rewards(table: pa.Table, options: ViewOptions) -> Array:
     stored: Array = table["reward"].to_numpy()
     if options.reward.kind == "classic":
         return scaled(stored, options.reward_scale)
     before, after = (
-        [table[name].to_numpy().astype(np.float32, copy=False) for name in _costs(prefix)]
-        for prefix in ("obs", "next_obs")
+        [table[name].to_numpy().astype(np.float32, copy=False) for name in names]
+        for names in (COSTS, NEXT_COSTS)
     )
     return options.reward.of(before, after, options.reward_scale)
 
@@ -222,7 +213,7 @@ def _seen(
     starts = np.flatnonzero(index["step"] == 0)
     lost, next_lost = np.zeros((2, *now.shape), dtype=bool)
     if options.imperfections:
-        measurement = options.imperfections.of(columns)
+        measurement = Measurement(options.imperfections, columns)
         now, after = now.copy(), after.copy()
         for start, stop in pairwise([*starts.tolist(), len(now)]):
             clean = np.concatenate([now[start:stop], after[stop - 1 : stop]])
@@ -236,11 +227,6 @@ def _seen(
         parts, later = [*parts, previous], [*later, actions]
     shown, shown_after = (np.concatenate(x, axis=1, dtype=np.float32) for x in (parts, later))
     return shown, shown_after
-
-
-def _numpy(column: Any) -> Array:
-    array: Array = column.to_numpy(False)
-    return array
 
 
 def stacked(observations: Array, after: Array, step: Array, history: int) -> tuple[Array, Array]:
@@ -268,18 +254,9 @@ def stacked(observations: Array, after: Array, step: Array, history: int) -> tup
     width = history * observations.shape[1]
     now, later = (np.empty((len(step), width), dtype=observations.dtype) for _ in range(2))
     for start, stop in pairwise([*starts.tolist(), len(step)]):
-        windows = _windows(observations[start:stop], after[stop - 1], history)
+        first, last = observations[start : start + 1], after[stop - 1 : stop]
+        # The frames are reversed in memory, so that each window begins with its newest frame.
+        frames = np.concatenate([last, observations[start:stop][::-1], np.repeat(first, history - 1, axis=0)])
+        windows = sliding_window_view(frames.reshape(-1), width)[:: frames.shape[1]][::-1]
         now[start:stop], later[start:stop] = windows[:-1], windows[1:]
     return now, later
-
-
-def _windows(observations: Array, last: Array, history: int) -> Array:
-    """The histories (steps + 1, k · history) of an episode's observations and of its last next observation.
-
-    The frames are reversed in memory, so that each window begins with its newest frame.
-    """
-    frames = np.concatenate(
-        [last[None], observations[::-1], np.repeat(observations[:1], history - 1, axis=0)]
-    )
-    windows = sliding_window_view(frames.reshape(-1), history * frames.shape[1])[:: frames.shape[1]]
-    return windows[::-1]

@@ -19,6 +19,7 @@ from ibdata.errors import UsageError
 from ibdata.system import files
 from ibdata.system.part import locked_part, resolved
 
+Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
 DESCRIPTION = "windows.json"
 PATIENCE = 3600.0  # seconds to wait for another process that makes the same folder
@@ -75,7 +76,7 @@ class WindowData(NamedTuple):
 
 def in_memory(sizes: Sizes, blocks: Iterable[Transitions]) -> WindowData:
     """Store transitions in memory."""
-    stored = WindowData(*(np.empty(shape, dtype) for shape, dtype in _forms(sizes)))
+    stored = WindowData(*(np.empty(shape, dtype) for shape, dtype in _shapes(sizes)))
     stored.fill(blocks)
     return stored
 
@@ -85,9 +86,19 @@ def in_folder(source: WindowFolder, blocks: Iterable[Transitions]) -> WindowData
 
     Raises UsageError if the folder holds anything else.
     """
-    if not os.path.exists(source.folder):  # a name may be too long to be looked for
-        refuse_inside(source.folder)
-        _make(source, blocks)
+    folder, description, sizes = source
+    if not os.path.exists(folder):  # a name may be too long to be looked for
+        refuse_inside(folder)
+        target = resolved(folder)
+        with locked_part(target, folder, patience=PATIENCE) as part:
+            if part.receipts:
+                raise UsageError(
+                    f"{folder}: an unfinished run of generate has this name; choose another folder"
+                )
+            part.clear()  # what a killed process has left
+            if not target.exists():  # another process may have made it meanwhile
+                _write(part.folder / "windows", description, sizes, blocks)
+                part.place(part.folder / "windows")
     return mapped(source)
 
 
@@ -106,7 +117,7 @@ def mapped(source: WindowFolder) -> WindowData:
         stored = WindowData(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in WindowData._fields))
     except Exception as error:  # whatever numpy and zipfile raise for other bytes
         raise _damaged(folder, error) from None
-    if [(array.shape, array.dtype) for array in stored] != _forms(sizes):
+    if [(array.shape, array.dtype) for array in stored] != _shapes(sizes):
         raise _damaged(folder, "found arrays of other sizes")
     return stored
 
@@ -115,38 +126,25 @@ def _damaged(folder: Path, description: object) -> UsageError:
     return UsageError(f"folder: {folder} is damaged ({description}); remove it, or choose another folder")
 
 
-def _make(source: WindowFolder, blocks: Iterable[Transitions]) -> None:
-    """Make a folder of windows in its part, unless another process has made it meanwhile."""
-    folder, description, sizes = source
-    target = resolved(folder)
-    with locked_part(target, folder, patience=PATIENCE) as part:
-        if part.receipts:
-            raise UsageError(f"{folder}: an unfinished run of generate has this name; choose another folder")
-        part.clear()  # what a killed process has left
-        if not target.exists():
-            _write(part.folder / "windows", description, sizes, blocks)
-            part.place(part.folder / "windows")
-
-
 def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:
     """Write the values into a new folder."""
     folder.mkdir()
-    forms = dict(zip(WindowData._fields, _forms(sizes), strict=True))
-    size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in forms.values())
+    shapes = dict(zip(WindowData._fields, _shapes(sizes), strict=True))
+    size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes.values())
     with (folder / DESCRIPTION).open("w") as file:
         files.reserve(file.fileno(), size)  # a full disk would end the process that fills a map
         file.truncate(0)
         json.dump(description, file, sort_keys=True)
     maps = [
         np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, shape)
-        for name, (shape, dtype) in forms.items()
+        for name, (shape, dtype) in shapes.items()
     ]
     WindowData(*maps).fill(blocks)
     for array in maps:
         array.flush()
 
 
-def _forms(sizes: Sizes) -> list[tuple[Any, Any]]:
+def _shapes(sizes: Sizes) -> list[tuple[Any, Any]]:
     """The shape and the type of each array of `WindowData`."""
     episodes, rows, frame, costs = sizes
     return [
@@ -158,9 +156,6 @@ def _forms(sizes: Sizes) -> list[tuple[Any, Any]]:
         ((episodes,), np.int64),
         ((costs,), np.float32),
     ]
-
-
-Array = npt.NDArray[Any]
 
 
 class Batch(Sequence[dict[str, Any]]):

@@ -1,11 +1,11 @@
 """Exports for other libraries. Each format is one module here, which is found by its name.
 
-The docstring of a format is its help. A format has `export(view, path, target)`, which writes the file or
+The docstring of a format is its help. A format has `export(source, path, target)`, which writes the file or
 folder `path` and returns the Python code that loads it from `target`, its final name. It may also have
 
 - `HISTORY`, its default history;
-- `place(view, out)`, which returns the target for the option `--out`. Such a format may have ids, which both
-  functions then take as the keyword `id`.
+- `place(source, out)`, which returns the target for the option `--out`. Such a format may have ids, which
+  both functions then take as the keyword `id`.
 """
 
 from __future__ import annotations
@@ -95,14 +95,16 @@ def export(
     """
     from ibdata.dataset.dataset import opened
     from ibdata.dataset.selection import checked_length
-    from ibdata.errors import UsageError
+    from ibdata.errors import UsageError, meant
+    from ibdata.exporters._source import Source
     from ibdata.exporters._target import whole
-    from ibdata.exporters._view import View
     from ibdata.system.storage import local
     from ibdata.views.options import view_of
 
     out = local(out)
-    format = _format(to)
+    if to not in FORMATS:
+        raise UsageError(f"format: found {to!r}{meant(to, FORMATS)}")
+    format = import_module(f"{__name__}.{to}")
     if history is None:
         history = getattr(format, "HISTORY", 1)
     history = checked_length(history)
@@ -111,30 +113,21 @@ def export(
         raise UsageError(f"cost: found one, but the format {to} has no place for costs; leave it out")
     rows = opened(dataset)
     is_split = rows.select().mask is None
-    shown = View(rows.select(split), split if is_split else None, history, options, progress)
+    source = Source(rows.select(split), split if is_split else None, history, options, progress)
     more = {} if id is None else {"id": id}
     if more and not hasattr(format, "place"):
         raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
-    target = Path(format.place(shown, out, **more) if hasattr(format, "place") else out)
+    target = Path(format.place(source, out, **more) if hasattr(format, "place") else out)
     with whole(target, overwrite) as path:
-        snippet = format.export(shown, path, target, **more)
+        snippet = format.export(source, path, target, **more)
     return Exported(
         format=to,
         path=str(target),
-        episodes=shown.episodes,
-        rows=shown.rows,
+        episodes=source.episodes,
+        rows=source.rows,
         history=history,
         reward_scale=options.reward_scale,
         snippet=snippet,
-        frame=shown.frame,
-        left_out=shown.left_out,
+        frame=source.frame,
+        left_out=source.left_out,
     )
-
-
-def _format(to: str) -> Any:
-    """The module of a format."""
-    from ibdata.errors import UsageError, meant
-
-    if to in FORMATS:
-        return import_module(f"{__name__}.{to}")
-    raise UsageError(f"format: found {to!r}{meant(to, FORMATS)}")

@@ -1,19 +1,35 @@
-"""Writing an export in a hidden part beside its target, from which it gets its name when it is complete."""
+"""Files of an export: written in a hidden part beside the target, which gets its name when it is complete.
+
+What HDF5 writes is read back, for it crashes when a write fails, or goes on.
+"""
 
 from __future__ import annotations
 
+import errno
+import gzip
+import json
 import os
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError, missing
-from ibdata.exporters._own import is_export, is_folder_export
 from ibdata.system import files, signals
 from ibdata.system.part import locked_part, resolved
+
+HEAD = 8  # bytes
+CSV = b'"episode","step"'
+ROWS = 100_000  # that are read back at a time
+
+Sums = dict[str, int]  # CRC-32 of the values of each dataset in an HDF5 file, by its path in it
 
 
 @contextmanager
@@ -70,9 +86,85 @@ def _refuse_others(place: Path, export: Path) -> None:
             raise UsageError(f"{place}: found {name}, which is not of such an export; choose another --out")
 
 
-def needed(module: str, format: str, extra: str, package: str | None = None) -> Any:
+def library(module: str, format: str, extra: str, package: str | None = None) -> Any:
     """Import an optional library. Raises an error, which names its package, if it is not installed."""
     try:
         return import_module(module)
     except ImportError:
         raise missing(f"exporting to {format}", package or module, extra) from None
+
+
+def is_folder_export(folder: Path) -> bool:
+    """Whether a folder with data/ is a dataset of Minari or LeRobot that `export` has written."""
+    tasks = folder / "meta" / "tasks.parquet"  # of LeRobot
+    try:
+        if tasks.exists():
+            return is_export(tasks)
+        return "content_root" in json.loads(files.plain_bytes(folder / "data" / "metadata.json"))["view"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def is_export(path: Path) -> bool:
+    """Whether a file is one that `export` has written, or holds nothing."""
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    try:
+        if head.startswith(b"PK"):
+            with zipfile.ZipFile(path) as archive:
+                return b'"content_root"' in archive.comment
+        if head.startswith(b"\x89HDF"):
+            import h5py
+
+            with h5py.File(path) as hdf5:
+                return "content_root" in str(hdf5.attrs["view"])
+        if head.startswith(b"PAR1"):
+            import pyarrow.parquet as pq
+
+            return b"content_root" in pq.read_schema(path).metadata[b"view"]
+        opened = gzip.open if head.startswith(b"\x1f\x8b") else Path.open
+        with opened(path, "rb") as text:
+            return not head or text.read(len(CSV)) == CSV
+    except Exception:  # whatever the libraries raise for other bytes
+        return False
+
+
+def reserve(path: Path, size: int) -> None:
+    """Raise OSError unless there is room for this number of bytes.
+
+    When a write fails, HDF5 ends the process with a segmentation fault (h5py 3.16), without a message.
+    """
+    with path.open("xb") as file:
+        files.reserve(file.fileno(), size)
+    path.unlink()
+
+
+def add(sums: Sums, name: str, values: npt.NDArray[Any]) -> None:
+    """Count values that are written to the end of a dataset."""
+    sums[name] = zlib.crc32(np.ascontiguousarray(values).data, sums.get(name, 0))
+
+
+@contextmanager
+def read_back(path: Path) -> Iterator[Sums]:
+    """Yield the sums that the block fills. Raises OSError if the file then holds other values."""
+    written: Sums = {}
+    try:
+        yield written
+        whole = _found(path, written) == written
+    except (KeyError, RuntimeError):  # whatever h5py raises for what the system refused
+        whole = False
+    if not whole:
+        raise OSError(errno.EIO, "HDF5 has lost what it wrote")
+
+
+def _found(path: Path, names: Sums) -> Sums:
+    import h5py
+
+    found: Sums = {}
+    with h5py.File(path) as file:
+        for name in names:
+            data = file[name]
+            places = [slice(i, i + ROWS) for i in range(0, len(data), ROWS)] if data.shape else [()]
+            for place in places:
+                add(found, name, data[place])
+    return found

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ibdata.exporters._hdf5 import add, read_back, reserve
-from ibdata.exporters._target import needed
-from ibdata.exporters._view import Arrays, Block, View
+from ibdata.exporters._source import Arrays, Block, Source
+from ibdata.exporters._target import add, library, read_back, reserve
 
 VERSION = "2.1"  # of d3rlpy's file format
 OVERHEAD = 4096  # bytes per episode; 1.6 kB was measured
@@ -36,16 +35,16 @@ def episode(block: Block) -> Arrays:
     }
 
 
-def export(view: View, path: Path, target: Path) -> str:
+def export(source: Source, path: Path, target: Path) -> str:
     """Write the file."""
-    h5py = needed("h5py", "d3rlpy", "hdf5")
-    reserve(path, view.bytes + OVERHEAD * (view.episodes + 1))
+    h5py = library("h5py", "d3rlpy", "hdf5")
+    reserve(path, source.bytes + OVERHEAD * (source.episodes + 1))
     with read_back(path) as sums, h5py.File(path, "x") as file:
         file.create_dataset("columns", data=list(KEYS))
-        file.create_dataset("num_episodes", data=view.episodes)
+        file.create_dataset("num_episodes", data=source.episodes)
         file.create_dataset("version", data=VERSION)
-        file.attrs["view"] = json.dumps(view.plain())
-        for number, block in enumerate(view.episode_blocks()):
+        file.attrs["view"] = json.dumps(source.plain())
+        for number, block in enumerate(source.episode_blocks()):
             for key, array in episode(block).items():
                 file.create_dataset(f"{key}_{number}", data=array)
                 add(sums, f"{key}_{number}", array)

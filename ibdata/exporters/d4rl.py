@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
-from ibdata.exporters._arrays import transitions
-from ibdata.exporters._hdf5 import Sums, add, read_back, reserve
-from ibdata.exporters._target import needed
-from ibdata.exporters._view import View
+from ibdata.exporters._source import Source, d4rl_arrays
+from ibdata.exporters._target import add, library, read_back, reserve
 from ibdata.version import __version__
 
 COSTS = True  # it has a place for them
@@ -21,18 +18,28 @@ CHUNK_ROWS = 4096
 OVERHEAD = 2**20  # bytes per file; 0.37 MB was measured
 
 
-def export(view: View, path: Path, target: Path) -> str:
+def export(source: Source, path: Path, target: Path) -> str:
     """Write the HDF5 file."""
-    h5py = needed("h5py", "d4rl", "hdf5")
-    reserve(path, view.bytes + OVERHEAD)
+    h5py = library("h5py", "d4rl", "hdf5")
+    reserve(path, source.bytes + OVERHEAD)
     with read_back(path) as sums, h5py.File(path, "x") as file:
         file.attrs["ibdata_version"] = __version__
-        file.attrs["name"] = view.info.name
-        file.attrs["content_root"] = view.selection.content_root
-        file.attrs["reward_scale"] = view.options.reward_scale
-        file.attrs["view"] = json.dumps(view.plain())
-        file.attrs["history"] = view.history
-        _write(view, file, sums)
+        file.attrs["name"] = source.info.name
+        file.attrs["content_root"] = source.selection.content_root
+        file.attrs["reward_scale"] = source.options.reward_scale
+        file.attrs["view"] = json.dumps(source.plain())
+        file.attrs["history"] = source.history
+        start = 0
+        for block in source.blocks():
+            stop = start + len(block.rewards)
+            for name, array in d4rl_arrays(block).items():
+                if start == 0:
+                    chunks = (min(CHUNK_ROWS, source.rows), *array.shape[1:])
+                    shape = (source.rows, *array.shape[1:])
+                    file.create_dataset(name, shape, array.dtype, chunks=chunks)
+                file[name][start:stop] = array
+                add(sums, name, array)
+            start = stop
     return f"""\
 import h5py
 
@@ -40,17 +47,3 @@ with h5py.File({str(target)!r}) as file:
     keys = ("observations", "actions", "rewards", "next_observations", "terminals", "timeouts")
     data = {{key: file[key][:] for key in keys}}
 """
-
-
-def _write(view: View, file: Any, sums: Sums) -> None:
-    start = 0
-    for block in view.blocks():
-        stop = start + len(block.rewards)
-        for name, array in transitions(block).items():
-            if start == 0:
-                chunks = (min(CHUNK_ROWS, view.rows), *array.shape[1:])
-                shape = (view.rows, *array.shape[1:])
-                file.create_dataset(name, shape, array.dtype, chunks=chunks)
-            file[name][start:stop] = array
-            add(sums, name, array)
-        start = stop

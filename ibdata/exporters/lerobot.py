@@ -18,9 +18,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.dataset.statistics import Moments, RowStatistics, Table
-from ibdata.exporters._arrays import PARQUET, vectors
-from ibdata.exporters._view import Array, Arrays, Block, View
+from ibdata.dataset.statistics import Matrix, Moments, RowStatistics
+from ibdata.exporters._source import PARQUET, Array, Arrays, Block, Source, vectors
 from ibdata.numerics.naming import exact
 from ibdata.views.options import ACTIONS
 from ibdata.writing.metadata import as_json
@@ -70,10 +69,10 @@ class _Files:
         return place
 
 
-def export(view: View, path: Path, target: Path) -> str:
+def export(source: Source, path: Path, target: Path) -> str:
     """Write the folder."""
-    view.refuse_no_rows()
-    metadata = {"view": json.dumps(view.plain())}
+    source.refuse_no_rows()
+    metadata = {"view": json.dumps(source.plain())}
     meta = path / "meta"
     data, episodes = _Files(path / "data", metadata), _Files(meta / "episodes", metadata)
     start = 0
@@ -81,35 +80,38 @@ def export(view: View, path: Path, target: Path) -> str:
     total: dict[str, RowStatistics] = {}
     rows: list[dict[str, Any]] = []
     with closing(data), closing(episodes):
-        for number, block in enumerate(view.episode_blocks()):
-            task = _task(view, block)
+        for number, block in enumerate(source.episode_blocks()):
+            task = _task(source, block)
             columns = _columns(block, number, start, tasks.setdefault(task, len(tasks)))
             frames = pa.table({name: _column(array) for name, array in columns.items()})
             place = data.write(frames)
-            total = total or {name: RowStatistics(view.rows, view.rows) for name in columns}
+            total = total or {name: RowStatistics(source.rows, source.rows) for name in columns}
             statistics = {}
             for name, array in columns.items():
-                numbers = _numbers(array)
+                floats = np.result_type(array.dtype, np.float32)  # which have all the numbers
+                numbers = array.reshape(len(array), -1).T.astype(floats, order="C")
                 statistics[name] = _statistics(array.dtype, total[name].add(numbers), numbers)
             rows.append(_episode(number, task, place, range(start, start + len(frames)), statistics))
             start += len(frames)
-            if len(rows) == EPISODES or start == view.rows:
+            if len(rows) == EPISODES or start == source.rows:
                 episodes.write(pa.Table.from_pylist(rows), *PLACE)
                 rows.clear()
-    _write_tasks(tasks, meta / "tasks.parquet", metadata)
+    table = pa.Table.from_pandas(pd.Series(tasks, name="task_index").rename_axis("task").to_frame())
+    table = table.replace_schema_metadata({**table.schema.metadata, **metadata})
+    pq.write_table(table, meta / "tasks.parquet", **PARQUET)
     whole = {name: _statistics(columns[name].dtype, x.moments, x.sample) for name, x in total.items()}
     (meta / "stats.json").write_bytes(as_json(whole))
-    (meta / "info.json").write_bytes(as_json(_info(view, columns, len(tasks))))
+    (meta / "info.json").write_bytes(as_json(_info(source, columns, len(tasks))))
     return f"""\
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-dataset = LeRobotDataset({f"ibdata/{view.info.name}"!r}, root={str(target)!r})
+dataset = LeRobotDataset({f"ibdata/{source.info.name}"!r}, root={str(target)!r})
 """
 
 
-def _task(view: View, block: Block) -> str:
-    setpoint = view.table["setpoint"].loc[int(block.episode[0])]
-    where = "a moving setpoint" if view.info.drifting else f"setpoint {exact(setpoint)}"
+def _task(source: Source, block: Block) -> str:
+    setpoint = source.table["setpoint"].loc[int(block.episode[0])]
+    where = "a moving setpoint" if source.info.drifting else f"setpoint {exact(setpoint)}"
     return f"Operate the Industrial Benchmark at {where}"
 
 
@@ -139,12 +141,7 @@ def _column(array: Array) -> pa.Array:
     return pa.array(array.reshape(-1)) if array.size == len(array) else vectors(array)
 
 
-def _numbers(array: Array) -> Table:
-    """The numbers of a feature (numbers, frames), in a type of floats that has them all."""
-    return array.reshape(len(array), -1).T.astype(np.result_type(array.dtype, np.float32), order="C")
-
-
-def _statistics(kind: Any, of: Moments, sample: Table) -> dict[str, list[Any]]:
+def _statistics(kind: Any, of: Moments, sample: Matrix) -> dict[str, list[Any]]:
     """The statistics of a feature, whose numbers have this type, by the names that LeRobot has."""
     quantiles = np.quantile(sample.astype(np.float64), list(QUANTILES.values()), axis=1)
     numbers = {
@@ -178,15 +175,9 @@ def _episode(
     }
 
 
-def _write_tasks(tasks: dict[str, int], path: Path, metadata: dict[str, str]) -> None:
-    """Write the numbers of the tasks, whose texts are the index in pandas."""
-    table = pa.Table.from_pandas(pd.Series(tasks, name="task_index").rename_axis("task").to_frame())
-    pq.write_table(table.replace_schema_metadata({**table.schema.metadata, **metadata}), path, **PARQUET)
-
-
-def _info(view: View, columns: Arrays, tasks: int) -> dict[str, Any]:
-    lags = ["", *(f"_lag_{lag}" for lag in range(1, view.history))]
-    frame = [f"{name}{lag}" for lag in lags for name in view.frame]
+def _info(source: Source, columns: Arrays, tasks: int) -> dict[str, Any]:
+    lags = ["", *(f"_lag_{lag}" for lag in range(1, source.history))]
+    frame = [f"{name}{lag}" for lag in lags for name in source.frame]
     names = {"observation.state": frame, "action": list(ACTIONS), "next.observation.state": frame}
     features = {
         name: {"dtype": str(array.dtype), "shape": [array.size // len(array)], "names": names.get(name)}
@@ -195,14 +186,14 @@ def _info(view: View, columns: Arrays, tasks: int) -> dict[str, Any]:
     return {
         "codebase_version": "v3.0",
         "robot_type": "industrial_benchmark",
-        "total_episodes": view.episodes,
-        "total_frames": view.rows,
+        "total_episodes": source.episodes,
+        "total_frames": source.rows,
         "total_tasks": tasks,
         "chunks_size": CHUNK_FILES,
         "data_files_size_in_mb": FILE_MB,
         "video_files_size_in_mb": 200,  # of videos that others may add
         "fps": FPS,
-        "splits": {"train": f"0:{view.episodes}"},
+        "splits": {"train": f"0:{source.episodes}"},
         "data_path": f"data/{FILE}",
         "video_path": None,
         "features": features,

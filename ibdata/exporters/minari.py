@@ -21,9 +21,8 @@ import numpy as np
 from ibdata.dataset.reference_returns import scale_of
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import declared_spec
-from ibdata.exporters._hdf5 import Sums, add, read_back, reserve
-from ibdata.exporters._target import needed
-from ibdata.exporters._view import Arrays, Block, View
+from ibdata.exporters._source import Arrays, Block, Source
+from ibdata.exporters._target import Sums, add, library, read_back, reserve
 from ibdata.version import __version__
 from ibdata.views.options import ACTIONS, bounds_of
 
@@ -36,9 +35,9 @@ FILE = "main_data.hdf5"
 OVERHEAD = 100_000  # bytes per episode, for its chunks; 55 to 75 kB were measured
 
 
-def place(view: View, out: Path, id: str | None = None) -> Path:
+def place(source: Source, out: Path, id: str | None = None) -> Path:
     """The dataset's folder below the root. Raises UsageError for an id or root that Minari refuses."""
-    name = Path(_id(view, id))
+    name = Path(_id(source, id))
     for folder in (out, *(out / parent for parent in name.parents)):
         if (folder / "data").exists() or "data" in name.parts[:-1]:
             raise UsageError(
@@ -50,35 +49,38 @@ def place(view: View, out: Path, id: str | None = None) -> Path:
 
 def episode(block: Block) -> dict[str, Any]:
     """The arrays of an episode of T steps: T + 1 observations (k · history) and infos (1), T of the rest."""
+    infos: Arrays = {}
+    for name, values in block.extras.items():
+        if not name.startswith("next_"):
+            last = block.extras.get(f"next_{name}", np.array([np.nan], np.float32))[-1:]
+            infos[name] = np.concatenate([values, last])[:, None]  # Minari's Arrow cannot read (T + 1,) again
     return {
         "observations": np.concatenate([block.observations, block.next_observations[-1:]]),
         "actions": block.actions,
         "rewards": block.rewards,
         "terminations": block.terminated,
         "truncations": block.truncated,
-        "infos": _infos(block.extras),
+        "infos": infos,
     }
 
 
-def export(view: View, path: Path, target: Path, id: str | None = None) -> str:
+def export(source: Source, path: Path, target: Path, id: str | None = None) -> str:
     """Write the dataset with Minari."""
-    needed("minari", "minari", "minari")
-    needed("h5py", "minari", "minari")
-    needed("PIL", "minari", "minari", "pillow")  # Minari imports it, but does not require it
+    library("minari", "minari", "minari")
+    library("h5py", "minari", "minari")
+    library("PIL", "minari", "minari", "pillow")  # Minari imports it, but does not require it
     from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
 
-    name = _id(view, id)
+    name = _id(source, id)
     path.mkdir()
-    reserve(path / "room", view.bytes + OVERHEAD * (view.episodes + 1))
+    reserve(path / "room", source.bytes + OVERHEAD * (source.episodes + 1))
     data = path.absolute() / "data"  # Minari fails at relative paths when it adds up sizes
-    observations, actions = _spaces(view)
-    experiments = _experiments(view)
-    environment = _environment(view, experiments)
-    storage = MinariStorage.new(data, observations, actions, environment, data_format="hdf5")
-    storage.update_metadata({**_metadata(view, name), **_references(view)})
+    observations, actions = _spaces(source)
+    storage = MinariStorage.new(data, observations, actions, _environment(source), data_format="hdf5")
+    storage.update_metadata({**_metadata(source, name), **_references(source)})
     with read_back(data / FILE) as sums:
-        storage.update_episodes(EpisodeBuffer(**arrays) for arrays in _episodes(view, sums))
+        storage.update_episodes(EpisodeBuffer(**arrays) for arrays in _episodes(source, sums))
     root = target.parents[len(Path(name).parts) - 1]
     return f"""\
 import os
@@ -90,9 +92,9 @@ dataset = minari.load_dataset({name!r})
 """
 
 
-def _episodes(view: View, sums: Sums) -> Iterator[dict[str, Any]]:
+def _episodes(source: Source, sums: Sums) -> Iterator[dict[str, Any]]:
     """The arrays of each episode, and their sums by the paths that Minari gives them."""
-    for number, block in enumerate(view.episode_blocks()):
+    for number, block in enumerate(source.episode_blocks()):
         arrays = episode(block)
         infos = {f"infos/{name}": values for name, values in arrays["infos"].items()}
         for name, values in {**arrays, **infos}.items():
@@ -101,8 +103,8 @@ def _episodes(view: View, sums: Sums) -> Iterator[dict[str, Any]]:
         yield arrays
 
 
-def _id(view: View, id: str | None) -> str:
-    name = id if id is not None else f"ibdata/{view.info.name}-v0"
+def _id(source: Source, id: str | None) -> str:
+    name = id if id is not None else f"ibdata/{source.info.name}-v0"
     if not ID.fullmatch(name) or "//" in name:
         raise UsageError(
             f"id: found {name!r}, expected NAMESPACE/NAME-vN of letters, digits, _ and -, "
@@ -111,17 +113,7 @@ def _id(view: View, id: str | None) -> str:
     return name
 
 
-def _infos(extras: Arrays) -> Arrays:
-    """Each info at t = 0 … T, (T + 1, 1): Minari's Arrow cannot read (T + 1,) again."""
-    infos: Arrays = {}
-    for name, values in extras.items():
-        if not name.startswith("next_"):
-            last = extras[f"next_{name}"][-1:] if f"next_{name}" in extras else np.array([np.nan], np.float32)
-            infos[name] = np.concatenate([values, last])[:, None]
-    return infos
-
-
-def _spaces(view: View) -> tuple[Any, Any]:
+def _spaces(source: Source) -> tuple[Any, Any]:
     """Boxes with the bounds of the columns."""
     from gymnasium.spaces import Box
 
@@ -130,16 +122,8 @@ def _spaces(view: View) -> tuple[Any, Any]:
         high = [np.inf if high is None else high for _, high in pairs]
         return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
 
-    bounds = bounds_of(view.options, view.info.drifting)
-    return box(bounds * view.history), box([(-1.0, 1.0)] * len(ACTIONS))
-
-
-def _experiments(view: View) -> list[dict[str, Any]]:
-    """The experiments of the exported episodes."""
-    experiments = declared_spec(view.selection.stored).experiments
-    stops = np.cumsum([experiment.episode_count for experiment in experiments])
-    numbers = np.unique(np.searchsorted(stops, view.table.index, side="right"))
-    return [experiments[number].plain() for number in numbers]
+    bounds = bounds_of(source.options, source.info.drifting)
+    return box(bounds * source.history), box([(-1.0, 1.0)] * len(ACTIONS))
 
 
 def _common(experiments: list[dict[str, Any]], key: str) -> Any:
@@ -148,21 +132,25 @@ def _common(experiments: list[dict[str, Any]], key: str) -> Any:
     return first if all(other == first for other in others) else None
 
 
-def _environment(view: View, experiments: list[dict[str, Any]]) -> Any:
+def _environment(source: Source) -> Any:
     """The environment for `recover_environment`, with the dynamics, start and observations of the episodes.
 
     It has their setpoint, if there is only one. It is None if no environment is that of all episodes.
     """
     from gymnasium.envs.registration import EnvSpec
 
+    of_dataset = declared_spec(source.selection.stored).experiments
+    stops = np.cumsum([experiment.episode_count for experiment in of_dataset])
+    numbers = np.unique(np.searchsorted(stops, source.table.index, side="right"))
+    experiments = [of_dataset[number].plain() for number in numbers]
     dynamics, start = _common(experiments, "dynamics"), _common(experiments, "start")
     if dynamics is None or start is None:
         return None
-    kwargs: dict[str, Any] = {"history": view.history, "dynamics": dynamics, "start": start}
-    if shown := view.options.changed():
+    kwargs: dict[str, Any] = {"history": source.history, "dynamics": dynamics, "start": start}
+    if shown := source.options.changed():
         kwargs["view"] = shown
-    setpoints = view.setpoints
-    if view.info.drifting:
+    setpoints = source.setpoints
+    if source.info.drifting:
         kwargs["setpoint"] = {"drifting": setpoints[0]} if len(setpoints) == 1 else "drifting"
     elif len(setpoints) == 1:
         kwargs["setpoint"] = setpoints[0]
@@ -170,36 +158,36 @@ def _environment(view: View, experiments: list[dict[str, Any]]) -> Any:
     return EnvSpec(ENVIRONMENT, entry_point=ENTRY_POINT, max_episode_steps=steps, kwargs=kwargs)
 
 
-def _metadata(view: View, name: str) -> dict[str, Any]:
+def _metadata(source: Source, name: str) -> dict[str, Any]:
     from minari import __version__ as minari_version
 
-    source, root = view.info.name, view.selection.content_root
+    root = source.selection.content_root
     return {
         "dataset_id": name,
         "minari_version": minari_version,
-        "algorithm_name": ", ".join(sorted(view.table["policy"].unique())),
-        "description": f"Industrial Benchmark, {source}, content root {root}",
+        "algorithm_name": ", ".join(sorted(source.table["policy"].unique())),
+        "description": f"Industrial Benchmark, {source.info.name}, content root {root}",
         "requirements": [f"ibdata>={__version__}"],
-        "view": json.dumps(view.plain()),
+        "view": json.dumps(source.plain()),
     }
 
 
-def _references(view: View) -> dict[str, float]:
+def _references(source: Source) -> dict[str, float]:
     """The returns that `minari.get_normalized_score` takes for 0 and 1, scaled as the rewards are.
 
     They are means over the setpoints. There are none for other rewards than the classic one, for episodes of
     different lengths or unequal numbers of them at the setpoints, and where the scale has no such episodes.
     """
-    lengths = view.table["length"].unique().tolist()
-    unequal = view.table["setpoint"].value_counts().nunique() > 1
-    if view.options.reward.kind != "classic" or view.left_out or len(lengths) > 1 or unequal:
+    lengths = source.table["length"].unique().tolist()
+    unequal = source.table["setpoint"].value_counts().nunique() > 1
+    if source.options.reward.kind != "classic" or source.left_out or len(lengths) > 1 or unequal:
         return {}
-    scale = scale_of(view.info, lengths[0])
-    ends = scale.ends(view.setpoints) if scale else None
+    scale = scale_of(source.info, lengths[0])
+    ends = scale.ends(source.setpoints) if scale else None
     if ends is None:
         return {}
     low, high = ends
     return {
-        "ref_min_score": low * view.options.reward_scale,
-        "ref_max_score": high * view.options.reward_scale,
+        "ref_min_score": low * source.options.reward_scale,
+        "ref_max_score": high * source.options.reward_scale,
     }

@@ -11,22 +11,27 @@ from pathlib import Path
 import numpy as np
 
 from ibdata.errors import UsageError
-from ibdata.exporters._arrays import write_npz
-from ibdata.exporters._view import Arrays, Block, View
+from ibdata.exporters._source import Arrays, Block, Source, write_npz
 from ibdata.numerics.naming import counted, exact
 
 HISTORY = 30
 MAX_ROWS = 2**24  # float32 does not have all whole numbers above it
 
 
-def export(view: View, path: Path, target: Path) -> str:
+def export(source: Source, path: Path, target: Path) -> str:
     """Write the NPZ. Raises UsageError for several setpoints or too many rows."""
-    if view.rows > MAX_ROWS:
+    if source.rows > MAX_ROWS:
         raise UsageError(
-            f"neorl: found {counted(view.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
+            f"neorl: found {counted(source.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
         )
-    _refuse_other_setpoints(view)
-    write_npz(view, _arrays, path, index=np.cumsum(view.lengths))
+    if source.info.drifting:
+        raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
+    if len(source.setpoints) > 1:
+        shown = ", ".join(exact(p) for p in sorted(source.setpoints)[:5])
+        raise UsageError(
+            f"neorl: found the setpoints {shown}, expected one setpoint; use --split, see ibdata split"
+        )
+    write_npz(source, _arrays, path, index=np.cumsum(source.lengths))
     return f"""\
 import numpy as np
 
@@ -44,15 +49,3 @@ def _arrays(block: Block) -> Arrays:
         "reward": block.rewards[:, None],
         "done": (block.terminated | block.truncated)[:, None].astype(np.float32),
     }
-
-
-def _refuse_other_setpoints(view: View) -> None:
-    """Raise UsageError unless there is one setpoint that is constant."""
-    if view.info.drifting:
-        raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
-    setpoints = sorted(view.setpoints)
-    if len(setpoints) > 1:
-        shown = ", ".join(exact(p) for p in setpoints[:5])
-        raise UsageError(
-            f"neorl: found the setpoints {shown}, expected one setpoint; use --split, see ibdata split"
-        )

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ibdata.exporters._arrays import transitions, write_npz
-from ibdata.exporters._view import View
+from ibdata.exporters._source import Source, d4rl_arrays, write_npz
 
 COSTS = True  # it has a place for them
 
 
-def export(view: View, path: Path, target: Path) -> str:
+def export(source: Source, path: Path, target: Path) -> str:
     """Write the NPZ."""
-    write_npz(view, transitions, path)
+    write_npz(source, d4rl_arrays, path)
     return f"""\
 import numpy as np
 

@@ -13,8 +13,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.exporters._arrays import PARQUET, vectors
-from ibdata.exporters._view import Block, View
+from ibdata.exporters._source import PARQUET, Block, Source, vectors
 
 ROW_GROUP_ROWS = 100_000
 SUFFIX = ".parquet"
@@ -31,14 +30,14 @@ SCHEMA = {
 }
 
 
-def export(view: View, path: Path, target: Path) -> str:
+def export(source: Source, path: Path, target: Path) -> str:
     """Write the Parquet file."""
     if path.suffix != SUFFIX:
         path.mkdir()
         path, target = path / FILE, target / FILE
-    view.refuse_no_rows()
-    metadata = {"view": json.dumps(view.plain())}
-    tables = (_table(block).replace_schema_metadata(metadata) for block in view.blocks())
+    source.refuse_no_rows()
+    metadata = {"view": json.dumps(source.plain())}
+    tables = (_table(block).replace_schema_metadata(metadata) for block in source.blocks())
     first = next(tables)
     with pq.ParquetWriter(path, first.schema, **PARQUET) as writer:
         for table in chain([first], tables):

@@ -11,7 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.dataset import to_write
 from ibdata.errors import UsageError, notice
 from ibdata.experiment.dataset_spec import spec_in
-from ibdata.measures.quality import quality
+from ibdata.measures import quality
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 from ibdata.system.files import plain_bytes, write

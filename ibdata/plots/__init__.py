@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import base64
 import os
-import pkgutil
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ibdata.arguments import public
 from ibdata.errors import IbdataError, UsageError, meant
@@ -19,6 +18,38 @@ if TYPE_CHECKING:
 
 FOLDER = "figures"
 FORMS = ("png", "svg")
+PICTURES = {  # the title and the caption of each, which a function in `ibdata.plots.pictures` draws
+    "actions": (
+        "Actions",
+        "The actions of each policy. Spikes are actions that the policy takes again and again.",
+    ),
+    "coverage": (
+        "Coverage",
+        "How often each pair of velocity, gain and shift was visited under each policy.",
+    ),
+    "returns": (
+        "Returns",
+        "The returns of episodes at each setpoint, by policy. A return is the sum of an episode's rewards.",
+    ),
+    "rewards": (
+        "Rewards",
+        "The rewards at each setpoint, by policy: minus the cost, consumption + 3 · fatigue of the next "
+        "step.",
+    ),
+    "splits": (
+        "Splits",
+        "How many episodes of each setpoint and policy a split holds, and how many two splits share.",
+    ),
+    "traces": (
+        "One episode",
+        "The episode with the median return: observed variables and, if the dataset has them, hidden ones.",
+    ),
+    "tradeoff": (
+        "Fatigue against consumption",
+        "The two costs of every step, fatigue and consumption. Steps at the lower left have the highest "
+        "reward.",
+    ),
+}
 
 
 class Pictures(list[Path]):
@@ -31,11 +62,6 @@ class Pictures(list[Path]):
             data = base64.b64encode(path.read_bytes()).decode()
             parts.append(f'<img alt="{path.stem}" width="480" src="data:image/{kind};base64,{data}">')
         return "\n".join(parts)
-
-
-def plots() -> list[str]:
-    """The names of the pictures of a dataset, the modules of `ibdata.plots.dataset`."""
-    return sorted(module.name for module in pkgutil.iter_modules([str(Path(__file__).with_name("dataset"))]))
 
 
 @public
@@ -98,22 +124,18 @@ def drawn(dataset: Dataset, form: str = "png", progress: bool | None = False) ->
     from ibdata.plots.summary import Summary
     from ibdata.system.progress import bar
 
+    pictures = import_module("ibdata.plots.pictures")  # after the style, which says what to install
     images, names = {}, _of(dataset)
     summary = Summary(dataset, progress)
     with bar(progress, len(names), "pictures", "draw") as advance:
         for name in names:
-            module = module_of(name)
-            heading = f"{module.TITLE}: {dataset.stored.info.name}"
-            images[name] = image(partial(module.draw, summary=summary), form, heading, DATASET_DPI)
+            draw = partial(getattr(pictures, f"draw_{name}"), summary=summary)
+            heading = f"{PICTURES[name][0]}: {dataset.stored.info.name}"
+            images[name] = image(draw, form, heading, DATASET_DPI)
             advance(1)
     return images
 
 
 def _of(dataset: Dataset) -> list[str]:
     """The pictures that show something of a dataset."""
-    return [name for name in plots() if name != "splits" or dataset.stored.splits]
-
-
-def module_of(name: str) -> Any:
-    """The module of a picture of a dataset."""
-    return import_module(f"ibdata.plots.dataset.{name}")
+    return [name for name in PICTURES if name != "splits" or dataset.stored.splits]

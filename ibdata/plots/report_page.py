@@ -11,14 +11,12 @@ from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.tabular import Tabular, column_texts
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.measures.quality import Quality
+from ibdata.measures import Quality
 from ibdata.numerics.naming import counted
-from ibdata.plots import module_of
-from ibdata.plots.report_style import STYLE
+from ibdata.plots import PICTURES
 from ibdata.writing.card import ABOUT, facts
 
 MOST = 100  # rows of a table, and experiments
-SHOWN = ("mean", "std", "min", "max")
 # The browser loads nothing, whatever the texts of a dataset contain.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 LOAD = """\
@@ -38,7 +36,7 @@ def page(dataset: Dataset, spec: DatasetSpec, pictures: Mapping[str, bytes], mea
         "Pictures": _pictures(pictures),
         "Quality": _shown(measured),
         "Splits": _shown(dataset.splits) if dataset.splits else [],
-        "Statistics": _statistics(dataset),
+        "Statistics": _shown(dataset.statistics()),
         "Columns": _columns(dataset),
         "Experiment": _experiments(spec),
         "Load it": [f"<pre><code>{escape(LOAD)}</code></pre>"],
@@ -100,9 +98,9 @@ def _pictures(pictures: Mapping[str, bytes]) -> Iterable[str]:
 
 
 def _picture(name: str, data: bytes) -> str:
-    """A picture that a click enlarges to its own size; its caption is the docstring of its module."""
-    module, (width, height) = module_of(name), _size(data)
-    title, caption = escape(module.TITLE), escape(" ".join(module.__doc__.split()))
+    """A picture that a click enlarges to its own size."""
+    title, caption = map(escape, PICTURES[name])
+    width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))  # in the header of a PNG
     source = f"data:image/png;base64,{base64.b64encode(data).decode()}"
     return (
         f'<figure id="picture-{name}"><div class="picture" id="large-{name}">'
@@ -110,11 +108,6 @@ def _picture(name: str, data: bytes) -> str:
         f'<img alt="{title}" width="{width}" height="{height}" src="{source}"></a></div>'
         f"<figcaption><strong>{title}.</strong> {caption}</figcaption></figure>"
     )
-
-
-def _size(png: bytes) -> tuple[int, int]:
-    """(width, height) of a PNG in pixels, from its header."""
-    return int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
 
 
 def _returns(dataset: Dataset) -> Iterable[str]:
@@ -134,12 +127,6 @@ def _returns(dataset: Dataset) -> Iterable[str]:
 def _shown(result: Tabular) -> Iterable[str]:
     table, *_ = result.tables()
     yield _table(table.names, table.rows)
-
-
-def _statistics(dataset: Dataset) -> Iterable[str]:
-    columns = dataset.statistics()
-    rows = [(n, *(s[k] for k in SHOWN), s["quantiles"].get("0.5")) for n, s in columns.items()]
-    yield _table(("column", *SHOWN, "median"), rows)
 
 
 def _columns(dataset: Dataset) -> Iterable[str]:
@@ -171,3 +158,37 @@ def _provenance(dataset: Dataset) -> Iterable[str]:
     ]
     yield _table((), rows)
     yield _table(("file", "bytes", "SHA-256"), [entries[shard.path] for shard in manifest.shards])
+
+
+# For wide and for narrow screens.
+STYLE = """
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 76rem; padding: 1rem; }
+h1, h2 { line-height: 1.2; overflow-wrap: anywhere; }
+nav ul { column-gap: 1.25rem; display: flex; flex-wrap: wrap; list-style: none; padding: 0; }
+table { border-collapse: collapse; font-size: .875rem; }
+th, td { padding: .25rem .75rem .25rem 0; text-align: left; vertical-align: top; }
+th { border-bottom: 1px solid; }
+.number { font-variant-numeric: tabular-nums; text-align: right; white-space: nowrap; }
+td.number + td:last-child:not(.number) { min-width: 12rem; }
+/* A shadow at each side on which there is more to scroll to, and a scroll bar that is always there. */
+.wide, pre { overflow-x: auto; background:
+  linear-gradient(to right, Canvas 1.5rem, transparent 3rem) 0 0 / 3rem 100% no-repeat local,
+  linear-gradient(to left, Canvas 1.5rem, transparent 3rem) 100% 0 / 3rem 100% no-repeat local,
+  linear-gradient(to right, #8889, transparent) 0 0 / .9rem 100% no-repeat scroll,
+  linear-gradient(to left, #8889, transparent) 100% 0 / .9rem 100% no-repeat scroll; }
+.wide::-webkit-scrollbar, pre::-webkit-scrollbar { height: .5rem; }
+.wide::-webkit-scrollbar-thumb, pre::-webkit-scrollbar-thumb { background: #888; border-radius: .25rem; }
+.pictures { align-items: start; display: grid; gap: 1.5rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(30rem, 100%), 1fr)); }
+figure { margin: 0; }
+img { background: #fff; display: block; height: auto; max-width: 100%; }
+figcaption { font-size: .875rem; }
+.close { display: none; }
+.picture:target { background: Canvas; inset: 0; overflow: auto; padding: 1rem; position: fixed; z-index: 1; }
+.picture:target img { margin: auto; max-width: none; }
+.picture:target .close { background: Canvas; display: inline-block; inset: 0 auto auto 0; padding: .5rem;
+  position: sticky; }
+pre { font-size: .8125rem; }
+code.root { overflow-wrap: anywhere; }
+"""

@@ -60,7 +60,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @contextmanager
-def _plain() -> Iterator[None]:
+def _our_settings() -> Iterator[None]:
     """Use our settings of matplotlib, and restore the user's own afterwards."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -77,7 +77,7 @@ def image(draw: Callable[[Figure], None], form: str, heading: str | None = None,
         heading: A text to write above the figure's own title.
         dpi: Pixels per inch of a PNG.
     """
-    with _plain():
+    with _our_settings():
         figure = Figure(layout="constrained")
         draw(figure)
         if heading:
@@ -93,7 +93,7 @@ def image(draw: Callable[[Figure], None], form: str, heading: str | None = None,
 
 def pixels(draw: Callable[[Figure], None], size: tuple[float, float]) -> npt.NDArray[np.uint8]:
     """Render a picture as an array (height, width, 3)."""
-    with _plain():
+    with _our_settings():
         figure = Figure(figsize=size, dpi=FRAME_DPI, layout="constrained")
         canvas: Any = FigureCanvasAgg(figure)
         draw(figure)
@@ -109,7 +109,7 @@ def legend_above(axes: Axes) -> None:
                 columnspacing=1.2)  # fmt: skip
 
 
-def counted(
+def count_image(
     axes: Axes, counts: Any, extent: tuple[float, float, float, float], norm: Any, colors: Any = "cividis"
 ) -> Any:
     """Draw counts (along x, along y) as an image; 0 is white. extent: low x, high x, low y, high y."""

@@ -78,10 +78,6 @@ class Imperfections:
         columns = {kind: dict(getattr(self, kind)) for kind in KINDS if getattr(self, kind)}
         return {**columns, "mask": self.mask, "seed": self.seed}
 
-    def of(self, columns: tuple[str, ...]) -> Measurement:
-        """The measurement of these columns."""
-        return Measurement(self, columns)
-
 
 NONE = Imperfections()
 

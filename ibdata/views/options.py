@@ -10,9 +10,8 @@ from typing import Annotated, Any
 from ibdata.arguments import public
 from ibdata.errors import UsageError, suggestion
 from ibdata.variables import VARIABLES, of_role, variable_of
-from ibdata.views.costs import Cost, cost_of
 from ibdata.views.imperfections import NONE, Imperfections, imperfections_of
-from ibdata.views.rewards import CLASSIC, Reward, reward_of
+from ibdata.views.rewards import CLASSIC, Cost, Reward, cost_of, reward_of
 
 ACTIONS = ("act_velocity", "act_gain", "act_shift")
 OBSERVED = tuple(f"obs_{name}" for name in of_role("observation"))
@@ -43,7 +42,7 @@ class ViewOptions:
     @property
     def is_classic(self) -> bool:
         """Whether the frames are the six observed variables, without imperfections and actions."""
-        return self.observe in ("classic", OBSERVED) and not self.actions and not self.imperfections
+        return self.observe in ("classic", OBSERVED) and not self.actions and not self.imperfections.columns
 
     def columns(self, drifting: bool) -> tuple[str, ...]:
         """The observed columns. They depend on whether the setpoints move."""
@@ -67,15 +66,11 @@ class ViewOptions:
 
     def changed(self) -> dict[str, Any]:
         """The options that differ from those of the plain view, as JSON data for `view_of`."""
-        options = {
-            "observe": self.observe,
-            "actions": self.actions,
-            "reward": self.reward.plain(),
-            "reward_scale": self.reward_scale,
-            "imperfections": self.imperfections.plain(),
-            "cost": None if self.cost is None else self.cost.plain(),
+        return {
+            name: option.plain() if isinstance(option, Reward | Imperfections | Cost) else option
+            for name, option in vars(self).items()
+            if option != getattr(PLAIN, name)
         }
-        return {name: value for name, value in options.items() if getattr(self, name) != getattr(PLAIN, name)}
 
     def plain(self, drifting: bool) -> dict[str, Any]:
         """The view as JSON data, as exports keep it."""

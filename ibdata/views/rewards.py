@@ -1,10 +1,15 @@
-"""Rewards computed from consumption and fatigue: other weights, or the change since the step before."""
+"""Rewards and costs of a view.
+
+Rewards are computed from consumption and fatigue: with other weights, or as the change since the step before.
+A cost beside the reward, for safe reinforcement learning, is 1 for a step into a dangerous state, else 0.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -15,7 +20,10 @@ from ibdata.errors import UsageError, suggestion
 Float32s = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 COSTS = ("consumption", "fatigue")
-KINDS = ("classic", "delta")
+REWARD_KINDS = ("classic", "delta")
+RUNAWAY = 1.2  # from which μ grows by itself, Eq. (23) of Hein et al. (2017)
+COST_KINDS = ("fatigue", "runaway")
+COST_EXPECTED = "{fatigue: 60}, runaway, or a mapping with a budget too, such as {fatigue: 60, budget: 25}"
 
 
 @dataclass(frozen=True)
@@ -64,11 +72,11 @@ def scaled(rewards: npt.NDArray[Any], scale: float) -> npt.NDArray[Any]:
 
 def reward_of(reward: Any) -> Reward:
     """Check the reward of a user. Raises UsageError if it is not valid."""
-    if isinstance(reward, str) and reward in KINDS:
+    if isinstance(reward, str) and reward in REWARD_KINDS:
         return Reward(reward)
     if isinstance(reward, Mapping):
         return _weighted(reward)
-    hint = suggestion(reward, KINDS) if isinstance(reward, str) else ""
+    hint = suggestion(reward, REWARD_KINDS) if isinstance(reward, str) else ""
     expected = "classic, delta or weights such as {consumption: 1, fatigue: 3}"
     raise UsageError(f"reward: found {reward!r}, expected {expected}{hint}")
 
@@ -84,3 +92,55 @@ def _weighted(weights: Mapping[Any, Any]) -> Reward:
         if not math.isfinite(weight):
             raise UsageError(f"reward: {name}: found {weight!r}, expected a finite number")
     return Reward("weights", *(float(weights.get(name, 0.0)) for name in COSTS))
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A cost of the state that follows a step.
+
+    The kind "fatigue" costs 1 where the fatigue is above the limit, the kind "runaway" where a hidden μ is
+    at least 1.2, from where it grows by itself. An episode whose costs add up to more violates the budget.
+    """
+
+    kind: str
+    limit: float = RUNAWAY
+    budget: float = 0.0
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """The columns of a state from which its cost follows."""
+        return ("obs_fatigue",) if self.kind == "fatigue" else ("latent_mu_v", "latent_mu_g")
+
+    def of(self, values: Sequence[npt.NDArray[Any]]) -> Float32s:
+        """The costs (n,) of states, from their variables (n,) as a dataset holds them."""
+        highest = np.max([np.float32(column) for column in values], axis=0)
+        limit = np.float32(self.limit)
+        dangerous: npt.NDArray[np.bool_] = highest > limit if self.kind == "fatigue" else highest >= limit
+        return dangerous.astype(np.float32)
+
+    def plain(self) -> dict[str, Any]:
+        """The cost as users give it."""
+        return {self.kind: self.limit if self.kind == "fatigue" else True, "budget": self.budget}
+
+
+def cost_of(cost: Any) -> Cost | None:
+    """Check the cost of a user. Raises UsageError if it is not valid."""
+    match {"budget": 0.0, **cost} if isinstance(cost, Mapping) else cost:
+        case None:
+            return None
+        case "runaway":
+            return Cost("runaway")
+        case {"fatigue": limit, "budget": budget, **others} if not others:
+            return Cost("fatigue", _number("fatigue", limit), _number("budget", budget))
+        case {"runaway": True, "budget": budget, **others} if not others:
+            return Cost("runaway", budget=_number("budget", budget))
+    near = suggestion(cost, COST_KINDS) if isinstance(cost, str) else ""
+    raise UsageError(f"cost: found {cost!r}, expected {COST_EXPECTED}{near}")
+
+
+def _number(name: str, value: Any) -> float:
+    """A finite number of at least 0."""
+    number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    if not 0 <= number < math.inf:
+        raise UsageError(f"cost: {name}: found {value!r}, expected a finite number of at least 0")
+    return number

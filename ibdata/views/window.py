@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.views.imperfections import Measurement
 from ibdata.views.options import ACTIONS, ViewOptions
 
 Float32s = npt.NDArray[np.float32]
@@ -16,7 +17,7 @@ class Window:
 
     def __init__(self, options: ViewOptions, drifting: bool, n: int, history: int) -> None:
         columns = options.columns(drifting)
-        self._measurement = options.imperfections.of(columns)
+        self._measurement = Measurement(options.imperfections, columns)
         self._flagged = [columns.index(name) for name in options.flagged(drifting)]
         self._actions = options.actions
         self._numbers, self._times = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)

@@ -13,8 +13,7 @@ from ibdata.dataset.tabular import column_texts
 from ibdata.errors import printable
 from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.measures.quality import MEANING, Quality
-from ibdata.measures.returns import ReturnMeasures, return_measures
+from ibdata.measures import MEANING, Quality, ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.version import __version__
 from ibdata.writing.metadata import info, splits

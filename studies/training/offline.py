@@ -18,7 +18,7 @@ from d3rlpy.models.encoders import VectorEncoderFactory
 from d3rlpy.preprocessing import StandardObservationScaler
 
 import ibdata
-from ibdata.exporters._view import View
+from ibdata.exporters._source import Source
 from ibdata.exporters.d3rlpy import episode
 from ibdata.policies import Needs
 from ibdata.views.options import view_options
@@ -101,13 +101,13 @@ def joined(parts: Sequence[Rows]) -> Rows:
 def rows_of(dataset: ibdata.Dataset, history: int = HISTORY, **conditions: Any) -> Rows:
     """The rows of a dataset under some conditions, with stacked observations and scaled rewards."""
     options = view_options(reward_scale=REWARD_SCALE)
-    view = View(dataset.select(**conditions), history=history, options=options)
-    size = view.rows + view.episodes
+    source = Source(dataset.select(**conditions), history=history, options=options)
+    size = source.rows + source.episodes
     observations = np.empty((size, 6 * history), np.float32)
     actions, rewards = np.empty((size, 3), np.float32), np.empty((size, 1), np.float32)
     transitions = np.ones(size, bool)
     stop = 0
-    for block in view.episode_blocks():
+    for block in source.episode_blocks():
         arrays = episode(block)
         start, stop = stop, stop + len(arrays["actions"])
         observations[start:stop] = arrays["observations"]

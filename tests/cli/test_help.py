@@ -11,7 +11,7 @@ from ibdata import Experiment
 from ibdata.cli import cli
 from ibdata.experiment.shipped import shipped, suites
 from ibdata.experiment.template import template
-from ibdata.plots import plots
+from ibdata.plots import PICTURES
 from ibdata.policies import POLICIES
 
 COMMANDS = cli.list_commands(None)
@@ -52,7 +52,7 @@ def test_help_imports_nothing_heavy():
 
 def test_help_lists_every_picture(run):
     out = run("plot", "--help")[1]
-    assert all(f"\n  {each} " in out for each in plots())
+    assert all(f"\n  {each} " in out for each in PICTURES)
 
 
 @pytest.mark.parametrize("given", [(), ("config",)], ids=["ibdata", "config"])

@@ -91,7 +91,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ("merge a b c --out o", "ibdata.maintenance.merge.merge", {"folders": ("a", "b", "c"), "out": "o"}),
     (
         "plot $D --out o --format svg --overwrite --quiet",
-        "ibdata.cli.draw.plot",
+        "ibdata.cli.use.plot",
         {"dataset": DATA, "out": "o", "form": "svg", "overwrite": True, "progress": False},
     ),
     (
@@ -115,7 +115,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ),
     ("split $D --list", "ibdata.dataset.dataset.Dataset.splits", {}),
     ("stats $D", "ibdata.dataset.dataset.Dataset.statistics", {}),
-    ("stats $D --quality", "ibdata.measures.quality.quality", {"ds": DATA}),
+    ("stats $D --quality", "ibdata.measures.quality", {"ds": DATA}),
     (
         "validate $D --quick --quiet",
         "ibdata.validation.validate.validate",

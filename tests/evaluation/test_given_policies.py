@@ -11,7 +11,7 @@ import ibdata
 from ibdata import evaluate
 from ibdata.errors import ConfigError, PolicyError, UsageError
 from ibdata.policies import Certain, Decision, Needs, Uniform
-from ibdata.views.imperfections import imperfections_of
+from ibdata.views.imperfections import Measurement, imperfections_of
 from ibdata.views.options import OBSERVED
 
 
@@ -193,7 +193,7 @@ def test_imperfections_are_those_of_a_dataset_at_the_same_step():
     """From the first observation on, which is pushed once."""
     plain, _ = watched()
     seen, _ = watched(view={"imperfections": TROUBLES})
-    measurement = imperfections_of(TROUBLES).of(OBSERVED)
+    measurement = Measurement(imperfections_of(TROUBLES), OBSERVED)
     for number in range(ALIKE["episodes"]):
         expected, _ = measurement.episode(plain[:, number, 0], number)
         assert seen[:, number, 0].tolist() == expected.tolist()

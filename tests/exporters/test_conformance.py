@@ -18,7 +18,7 @@ import ibdata
 from ibdata.cli import cli
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, IbdataError
-from ibdata.exporters._view import View
+from ibdata.exporters._source import Source
 
 VIEWS = {
     "plain": (1, {}),
@@ -42,7 +42,7 @@ def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history
 
 def test_blocks_of_any_size_give_the_same_values(dataset, tmp_path, to, monkeypatch):
     """Of a split, too."""
-    monkeypatch.setattr("ibdata.exporters._view.BLOCK_ROWS", 30)
+    monkeypatch.setattr("ibdata.exporters._source.BLOCK_ROWS", 30)
     made = ibdata.export(dataset, to, tmp_path / "made", split="target", history=3)
     assert made.rows == 160
     holds(made, dataset, "target", history=3)
@@ -50,13 +50,13 @@ def test_blocks_of_any_size_give_the_same_values(dataset, tmp_path, to, monkeypa
 
 def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
     """So memory does not grow with the dataset: at most the rows asked for and one episode more."""
-    monkeypatch.setattr("ibdata.exporters._view.BLOCK_ROWS", 60)
+    monkeypatch.setattr("ibdata.exporters._source.BLOCK_ROWS", 60)
     for history, limit in ((1, 60), (3, 20)):
-        blocks = list(View(dataset.select(), history=history).blocks())
+        blocks = list(Source(dataset.select(), history=history).blocks())
         assert sum(len(block.rewards) for block in blocks) == 480
         assert all(len(block.rewards) <= limit + 40 for block in blocks)
         assert all(block.step[0] == 0 and block.truncated[-1] for block in blocks)
-    assert [len(block.rewards) for block in View(dataset.select()).episode_blocks()] == [40] * 12
+    assert [len(block.rewards) for block in Source(dataset.select()).episode_blocks()] == [40] * 12
 
 
 def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to):

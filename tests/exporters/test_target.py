@@ -13,7 +13,7 @@ from helpers import python
 import ibdata
 from ibdata.errors import IbdataError, UsageError
 from ibdata.exporters import FORMATS
-from ibdata.exporters._own import is_export, is_folder_export
+from ibdata.exporters._target import is_export, is_folder_export
 
 RUN = """
 import os, resource, signal, sys
@@ -22,15 +22,15 @@ from ibdata.cli import main
 main(sys.argv[1:])
 """
 KILL = """
-import ibdata.exporters._view as view
-view.BLOCK_ROWS = 60
-whole = view.View.tables
+import ibdata.exporters._source as source
+source.BLOCK_ROWS = 60
+whole = source.Source.tables
 def tables(self, columns):
     for i, table in enumerate(whole(self, columns)):
         if i == 1:
             os.kill(os.getpid(), signal.SIGKILL)
         yield table
-view.View.tables = tables
+source.Source.tables = tables
 """
 FULL = "resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))"
 

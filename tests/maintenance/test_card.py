@@ -17,7 +17,7 @@ import ibdata
 from ibdata.dataset import manifest
 from ibdata.dataset.tabular import column_texts
 from ibdata.errors import BusyError, DatasetError, UsageError
-from ibdata.plots import drawn, plots
+from ibdata.plots import PICTURES, drawn
 from ibdata.report import card
 from ibdata.system.part import locked_part
 
@@ -104,12 +104,12 @@ def test_the_report_is_whole_html_that_loads_nothing(page):
 def test_the_report_has_all_pictures_and_links_in_the_page(carded, page):
     shown = {base64.b64decode(value.partition(",")[2]) for value in page.all("img", "src")}
     assert shown == set(drawn(carded).values())
-    assert len(shown) == len(plots()) == len(set(page.all("img", "alt")))
+    assert len(shown) == len(PICTURES) == len(set(page.all("img", "alt")))
     assert re.search(r"\.pictures \{[^}]*display: grid", page.text)  # in rows
     ids = [value for _, name, value in page.attributes if name == "id"]
     assert len(ids) == len(set(ids))
     links = {link.removeprefix("#") for link in page.all("a", "href")}
-    assert {*page.all("h2", "id"), *(f"large-{name}" for name in plots())} <= links <= set(ids)
+    assert {*page.all("h2", "id"), *(f"large-{name}" for name in PICTURES)} <= links <= set(ids)
 
 
 def test_the_report_says_what_the_dataset_is(carded, page):

@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 
 from ibdata.dynamics import Noise, initial_state, step
-from ibdata.measures.coverage import PAIRS, STATES, Coverage, pair_numbers, state_numbers, steered
-from ibdata.measures.stochasticity import LEAST_ROWS, Stochasticity, action_entropy
+from ibdata.measures import (
+    LEAST_ROWS,
+    PAIRS,
+    STATES,
+    Coverage,
+    Stochasticity,
+    action_entropy,
+    pair_numbers,
+    state_numbers,
+    steered,
+)
 
 ONE = np.array([1])
 

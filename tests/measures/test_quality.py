@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 import ibdata
+import ibdata.measures as module
 from ibdata.cli.read import stats_command as command
 from ibdata.errors import UsageError
-from ibdata.measures import quality as module
-from ibdata.measures.coverage import pair_numbers, state_numbers
+from ibdata.measures import pair_numbers, state_numbers
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import ibdata
 from ibdata.cli.read import info_command as command
 from ibdata.dataset.reference_returns import scale
-from ibdata.measures.returns import return_improvement, return_measures, trajectory_quality
+from ibdata.measures import return_improvement, return_measures, trajectory_quality
 
 
 def table(*rows):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
+from ibdata.plots import pictures
 from ibdata.plots.style import legend_above
 from ibdata.plots.summary import Summary
 
@@ -18,7 +17,7 @@ POLICIES = ["random", "safe", "mediocre"]
 
 def pictured(name, dataset):
     figure = Figure()
-    import_module(f"ibdata.plots.dataset.{name}").draw(figure, Summary(dataset))
+    getattr(pictures, f"draw_{name}")(figure, Summary(dataset))
     return figure
 
 

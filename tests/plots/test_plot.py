@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from ibdata.errors import DatasetError, IbdataError, UsageError
-from ibdata.plots import plot, plots
+from ibdata.plots import PICTURES, plot
 
 pytestmark = pytest.mark.slow
 
@@ -44,7 +44,7 @@ def test_the_command_draws_what_python_draws(ibdata, merged, tmp_path):
     assert done.stdout == "".join(f"figures/both/{name}.png\n" for name in NAMES)
     plot(merged, tmp_path / "again")
     assert contents(tmp_path / "again") == contents(tmp_path / "figures" / "both")
-    assert plots() == NAMES
+    assert list(PICTURES) == NAMES
 
 
 def test_a_notebook_shows_the_pictures(many, tmp_path):
@@ -123,7 +123,7 @@ def test_without_matplotlib_the_command_says_what_to_install(merged, tmp_path):
 def test_help_needs_no_matplotlib_and_no_window_is_opened(merged, tmp_path):
     code = f"""
 import sys
-import ibdata.cli.draw, ibdata.plots
+import ibdata.cli.use, ibdata.plots
 assert not {{"matplotlib", "numpy"}} & set(sys.modules)
 ibdata.plots.plot({str(merged.path)!r}, {str(tmp_path)!r})
 assert "matplotlib.pyplot" not in sys.modules

@@ -5,8 +5,8 @@ import pytest
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.views.costs import cost_of
 from ibdata.views.options import view_of
+from ibdata.views.rewards import cost_of
 
 FATIGUE, RUNAWAY = {"cost": {"fatigue": 40}}, {"cost": "runaway"}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ibdata.views.imperfections import imperfections_of
+from ibdata.views.imperfections import Measurement, imperfections_of
 from ibdata.views.options import view_options
 from ibdata.views.window import Window
 
@@ -21,7 +21,7 @@ EVERYTHING = {
 
 
 def measured(given, number=7, clean=CLEAN):
-    return imperfections_of(given).of(COLUMNS).episode(clean, number)
+    return Measurement(imperfections_of(given), COLUMNS).episode(clean, number)
 
 
 def test_a_delay_repeats_the_first_value():
@@ -49,7 +49,9 @@ def test_noise_is_normal_and_independent():
     assert abs(np.corrcoef(first[:, 0], first[:, 1])[0, 1]) < error
     assert abs(np.corrcoef(first[:, 0], other[:, 0])[0, 1]) < error
     assert (first[:, 2] == 0).all()
-    alone, _ = imperfections_of({"noise": {"obs_fatigue": 3.0}}).of(COLUMNS[1:2]).episode(clean[:, :1], 0)
+    alone, _ = Measurement(imperfections_of({"noise": {"obs_fatigue": 3.0}}), COLUMNS[1:2]).episode(
+        clean[:, :1], 0
+    )
     assert (alone[:, 0] == first[:, 1]).all()  # it does not depend on the other columns
     assert not (measured({**given, "seed": 6}, 0, clean)[0][:, :2] == first[:, :2]).any()
 

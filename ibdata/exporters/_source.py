@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +25,7 @@ from ibdata.views.options import ACTIONS, PLAIN, ViewOptions
 Array = npt.NDArray[Any]
 Arrays = dict[str, Array]
 
+PARQUET = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
 BESIDE = ("latent", "next_latent", "log_prob")  # roles of columns that are exported beside the transitions
 
 
@@ -42,7 +46,7 @@ class Block(NamedTuple):
 ARRAYS = Block._fields[:-1]
 
 
-class View:
+class Source:
     """The rows of a selection, with stacked frames and the rewards of a view.
 
     Raises UsageError for columns that the dataset does not have, and for an empty selection.
@@ -125,7 +129,9 @@ class View:
         columns = [*self.beside, *self.clean]
         for table in self.tables(columns):
             arrays = arrays_of(table, self.info, self.options, self.history, False, columns)
-            arrays = {name: _float32(array) for name, array in arrays.items()}
+            for name, array in arrays.items():
+                if array.dtype == np.float64:
+                    arrays[name] = array.astype(np.float32)
             extras = {name: arrays[name] for name in self.beside}
             extras |= {f"clean_{name}": arrays[name] for name in self.clean}
             if self.options.cost is not None:
@@ -143,5 +149,42 @@ class View:
                 yield Block(**arrays, extras=extras)
 
 
-def _float32(array: Array) -> Array:
-    return array.astype(np.float32) if array.dtype == np.float64 else array
+def vectors(array: Array) -> pa.Array:
+    """The rows of a matrix as lists of one size."""
+    values = pa.array(np.ascontiguousarray(array).reshape(-1))
+    return pa.FixedSizeListArray.from_arrays(values, array.shape[1])
+
+
+def d4rl_arrays(block: Block) -> Arrays:
+    """The arrays of D4RL, with the latent state in infos/, and costs as in DSRL if the view has a cost."""
+    costs = {"costs": block.extras["cost"]} if "cost" in block.extras else {}
+    return {
+        "observations": block.observations,
+        "actions": block.actions,
+        "rewards": block.rewards,
+        **costs,
+        "next_observations": block.next_observations,
+        "terminals": block.terminated,
+        "timeouts": block.truncated,
+        "infos/episode": block.episode,
+        "infos/step": block.step,
+        **{f"infos/{name}": array for name, array in block.extras.items() if name != "cost"},
+    }
+
+
+def write_npz(source: Source, make: Callable[[Block], Arrays], path: Path, **others: Array) -> None:
+    """Write the arrays of all blocks, and others, as an NPZ that is not compressed."""
+    arrays: Arrays = {}
+    start = 0
+    for block in source.blocks():
+        stop = start + len(block.rewards)
+        for name, array in make(block).items():
+            if name not in arrays:
+                arrays[name] = np.empty((source.rows, *array.shape[1:]), array.dtype)
+            arrays[name][start:stop] = array
+        start = stop
+    with path.open("xb") as file, zipfile.ZipFile(file, "w") as archive:  # at once: np.savez takes no comment
+        archive.comment = json.dumps(source.plain()).encode()
+        for name, array in {**arrays, **others}.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)

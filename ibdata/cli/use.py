@@ -1,0 +1,213 @@
+"""Commands that use datasets and policies: plot, card, export, evaluate."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ibdata.cli._options import (
+    LOCAL,
+    YAML,
+    Listing,
+    allow_code_option,
+    cost_option,
+    folder_argument,
+    one_or_several,
+    policies,
+    progress_option,
+    reward_option,
+    selects,
+    summaries,
+)
+from ibdata.cli._printing import Printed, Result, lines, prints_result
+from ibdata.exporters import FORMATS
+from ibdata.plots import FORMS, PICTURES, plot
+
+VIEW = ("observe", "actions", "reward", "reward_scale", "imperfections", "cost")
+
+
+@click.command(
+    "plot",
+    cls=Listing,
+    title="Pictures",
+    entries=lambda: [(name, caption) for name, (_, caption) in PICTURES.items()],
+)
+@folder_argument
+@selects
+@click.option(
+    "--out", type=LOCAL, metavar="FOLDER", help="The folder for the files; default figures/<name of DIR>."
+)
+@click.option(
+    "--format", "form", type=click.Choice(FORMS), default="png", show_default=True, help="File format."
+)
+@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@progress_option
+@prints_result
+def plot_command(
+    selection: Any, out: Path | None, form: str, overwrite: bool, progress: bool | None
+) -> Printed:
+    """Draw all pictures of a dataset and print the names of the files.
+
+    \b
+    ibdata plot data/random
+    ibdata plot data/transfer --split target --out pictures --format svg
+    """
+    files = list(map(str, plot(selection, out, form, overwrite, progress)))
+    return Printed({"files": files}, lines(files))
+
+
+@click.command("card")
+@folder_argument
+@click.option("--overwrite", is_flag=True, help="Replace what has been edited.")
+@prints_result
+def card_command(folder: Path, overwrite: bool) -> Printed:
+    """Write a dataset's card (README.md) and its report (report.html).
+
+    The report shows pictures, returns, statistics, experiment and provenance in one file, which needs no
+    network. Without matplotlib only the card is written.
+
+    \b
+    ibdata card data/random
+    """
+    from ibdata.maintenance.card import card
+
+    written = card(folder, overwrite)
+    files = [path.name for path in written]
+    return Printed({"path": str(folder), "files": files}, lines(written))
+
+
+def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | list[str]:
+    names = [name.strip() for name in text.split(",")]
+    return names if len(names) > 1 or text.startswith(("obs_", "latent_")) else text
+
+
+@click.command("export", cls=Listing, title="Formats", entries=lambda: summaries("ibdata.exporters", FORMATS))
+@folder_argument
+@click.option(
+    "--to",
+    required=True,
+    type=click.Choice(FORMATS),
+    help="The format; see below.",
+)
+@click.option("--out", required=True, type=LOCAL, metavar="PATH", help="The file or folder to write.")
+@selects
+@click.option(
+    "--history",
+    type=int,
+    metavar="N",
+    help="Observations to stack, newest first; default 1, or 30 for neorl.",
+)
+@click.option(
+    "--observe",
+    metavar="COLUMNS",
+    default="classic",
+    callback=_observed,
+    help="The observed columns: classic (6 variables), markov (the whole state), or names with commas, such "
+    "as obs_gain,latent_mu_v.",
+)
+@click.option("--actions", is_flag=True, help="Observe the action of the step before too.")
+@reward_option
+@cost_option
+@click.option("--reward-scale", type=float, default=1.0, metavar="X", help="Multiply rewards by X.")
+@click.option(
+    "--imperfections",
+    type=YAML,
+    metavar="YAML",
+    help="Delay, noise, rounding and missing values of columns, such as '{delay: {obs_fatigue: 3}}'; "
+    "docs/views.md lists them.",
+)
+@click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
+@click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
+@progress_option
+@prints_result
+def export_command(selection: Any, to: str, out: Path, **options: Any) -> Result:
+    """Write a dataset in the format of another library, and print the Python code that loads it.
+
+    Every transition is kept, including the last of each episode with its next observation. (Only if --observe
+    names hidden columns, and the dataset does not have them after the last row, is that row left out, and the
+    output says so.) Floats become float32, except in csv. The output appears only when it is complete.
+
+    \b
+    ibdata export data/random --to minari --out minari-datasets
+    ibdata export data/transfer --to npz --out t.npz --split target --history 10
+    ibdata export data/random --to npz --out best.npz --returns -250000 inf
+    ibdata export data/random --to csv --out m.csv --observe markov --reward delta
+    """
+    from ibdata.exporters import export
+
+    view = {name: options.pop(name) for name in VIEW}
+    return export(selection, to, out, **options, view=view)
+
+
+@click.command("evaluate")
+@click.argument("policies", nargs=-1, metavar="[POLICY]…", shell_complete=policies)
+@click.option(
+    "--policy",
+    "more_policies",
+    multiple=True,
+    metavar="POLICY",
+    shell_complete=policies,
+    help="Same as the argument POLICY; may be repeated.",
+)
+@click.option(
+    "--setpoint",
+    type=YAML,
+    multiple=True,
+    callback=one_or_several,
+    metavar="P",
+    help="A number (may be repeated), or drifting, or '{drifting: [50, 70]}' with start values; default 70.",
+)
+@click.option("--steps", type=int, metavar="N", help="Steps per episode; default 100.")
+@click.option("--discount", type=float, metavar="X", help="Discount factor, in [0, 1]; default 0.97.")
+@click.option("--episodes", type=int, metavar="N", help="Episodes per policy and setpoint; default 100.")
+@click.option(
+    "--start",
+    type=YAML,
+    metavar="S",
+    help="Start state: default, uniform, or '{burn_in: [15, 64]}'; default: default.",
+)
+@click.option(
+    "--dynamics",
+    type=YAML,
+    metavar="D",
+    help="Dynamics: siemens, paper, or '{base: …, field: value}'; default siemens.",
+)
+@reward_option
+@cost_option
+@click.option("--seed", type=int, metavar="N", help="Seed of the random numbers; default 0.")
+@click.option(
+    "--against",
+    metavar="SET",
+    help="Compare with the shipped results on an experiment such as optimized-40 or random, whose settings "
+    "are then the default ones.",
+)
+@allow_code_option
+@progress_option
+@prints_result
+def evaluate_command(
+    policies: tuple[str, ...],
+    more_policies: tuple[str, ...],
+    setpoint: Any,
+    reward: Any,
+    cost: Any,
+    **settings: Any,
+) -> Result:
+    """Simulate new episodes with policies and compare their returns.
+
+    POLICY is a kind of policy, a block such as '{kind: safe}', or a file with a block.
+
+    \b
+    ibdata evaluate optimized
+    ibdata evaluate safe random --steps 1000 --discount 1
+    ibdata evaluate safe --setpoint 10 --setpoint 100
+    ibdata evaluate '{kind: gaussian, base: {kind: bad}, scale: 0.1}'
+    ibdata evaluate safe expert --cost '{fatigue: 60, budget: 25}'
+    ibdata evaluate safe --against optimized-40
+    ibdata evaluate safe --against random --start '{burn_in: [15, 64]}'
+    """
+    from ibdata.evaluation import evaluate
+
+    named = [*policies, *more_policies]
+    if not named:
+        raise click.UsageError("Missing argument 'POLICY'; ibdata config policies lists the kinds.")
+    return evaluate(named, setpoint, view={"reward": reward, "cost": cost}, **settings)

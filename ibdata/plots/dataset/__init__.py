@@ -1,1 +1,0 @@
-"""Pictures of a dataset, one per module: `TITLE`, `draw(figure, summary)`, and a docstring as the caption."""
