@@ -90,15 +90,15 @@ WAYS = {
 @pytest.fixture
 def copied(monkeypatch):
     """The numbers of the shards that are copied; `copied.stop` ends the process before the next ones."""
-    real, numbers = rewrite.shard_writer, Numbers()
+    real, numbers = rewrite.write_shard, Numbers()
 
-    def writer(spec, shard, folder):
+    def write(spec, shard, *rest):
         if len(numbers) == numbers.most:
             raise Interrupted(15)
         numbers.append(shard.number)
-        return real(spec, shard, folder)
+        return real(spec, shard, *rest)
 
-    monkeypatch.setattr(rewrite, "shard_writer", writer)
+    monkeypatch.setattr(rewrite, "write_shard", write)
     return numbers
 
 

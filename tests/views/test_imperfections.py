@@ -60,7 +60,7 @@ def test_its_numbers_are_those_of_all_versions():
     """Also beside a variable that the table of variables does not have yet, whose numbers are its own."""
     columns = ("latent_theta_9", "latent_later", *COLUMNS[1:])
     given = {"noise": dict.fromkeys([*columns, "latent_latest"], 1.0), "seed": 5}
-    seen, _ = imperfections_of(given).of(columns).episode(np.zeros((2, 4), dtype=np.float32), 7)
+    seen, _ = Measurement(imperfections_of(given), columns).episode(np.zeros((2, 4), dtype=np.float32), 7)
     assert seen[:, [0, 2, 3]].tolist() == [
         [-0.21604406833648682, -2.24025297164917, 0.6631895303726196],
         [0.671513557434082, -1.9204275608062744, 0.4814491271972656],
