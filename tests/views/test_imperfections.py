@@ -65,8 +65,9 @@ def test_its_numbers_are_those_of_all_versions():
         [-0.21604406833648682, -2.24025297164917, 0.6631895303726196],
         [0.671513557434082, -1.9204275608062744, 0.4814491271972656],
     ]
+    zeros = np.zeros((2, 1), dtype=np.float32)
     later, other = (
-        imperfections_of(given).of((f"latent_{name}",)).episode(np.zeros((2, 1), dtype=np.float32), 7)[0]
+        Measurement(imperfections_of(given), (f"latent_{name}",)).episode(zeros, 7)[0]
         for name in ("later", "latest")
     )
     assert later.ravel().tolist() == seen[:, 1].tolist()
