@@ -174,12 +174,12 @@ class Build:
                     "dataset with what is here, or choose another --out"
                 )
         for run, other in self._runs():
-            done = counted(len(existing_paths(run / RECEIPTS)), "finished shard")
-            if run != self.run and done[0] != "0":
+            done = len(existing_paths(run / RECEIPTS))
+            if run != self.run and done:
                 what = other.difference(self._record) if other else "whose note is damaged"
                 notice(
-                    f"{self.name}: an unfinished run {what} stays in {run}, with {done}, until a dataset is "
-                    "published here"
+                    f"{self.name}: an unfinished run {what} stays in {run}, with "
+                    f"{counted(done, 'finished shard')}, until a dataset is published here"
                 )
 
     def _make_folder(self) -> bool:
