@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, Tag, create_model
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
 from ibdata.dynamics.variants import VariantError
-from ibdata.experiment.setpoints import WHOLE, Real, by_form
+from ibdata.experiment.fields import WHOLE, Real, by_type
 from ibdata.policies.base import FrozenModel
 
 
@@ -62,5 +62,5 @@ CustomDynamics = create_model(
 
 Dynamics = Annotated[
     Annotated[Literal["siemens", "paper"], Tag("<word>")] | Annotated[CustomDynamics, Tag("<mapping>")],
-    by_form("<word>", "<mapping>"),
+    by_type("<word>", "<mapping>"),
 ]

@@ -19,23 +19,24 @@ from pydantic import (
 from ibdata.dynamics import Variant
 from ibdata.errors import Loc, Problems, meant
 from ibdata.experiment.dynamics import Dynamics
-from ibdata.experiment.fields import Output, Split, Start
-from ibdata.experiment.messages import refusals
-from ibdata.experiment.plain import plain
-from ibdata.experiment.plan import segments
-from ibdata.experiment.scenario import Cell, Scenario
-from ibdata.experiment.setpoints import (
+from ibdata.experiment.fields import (
     LICENCE,
     EpisodeCount,
     FileName,
     Licence,
+    Output,
     Seed,
     Setpoints,
+    Split,
     SplitName,
+    Start,
     StepCount,
     repeated,
-    setpoint_values,
 )
+from ibdata.experiment.messages import refusals
+from ibdata.experiment.plain import plain
+from ibdata.experiment.plan import segments
+from ibdata.experiment.scenario import Cell, Scenario
 from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
@@ -174,7 +175,7 @@ class Experiment(FrozenModel):
 
     def _contradictions(self) -> Iterator[tuple[Loc, str]]:
         """The problems of options that do not fit each other, by path."""
-        setpoints, _ = setpoint_values(self.setpoints)
+        setpoints = self.scenario.points
         cells = len(setpoints) * len(self.policies)
         if cells * self.episodes / max(1, self.output.shard_rows // self.steps) > MAX_SHARDS:
             message = f"found more than {MAX_SHARDS} files, expected at most {MAX_SHARDS}"
@@ -192,10 +193,10 @@ class Experiment(FrozenModel):
 
     def _unknown_in(self, split: Split, setpoints: set[float]) -> Iterator[tuple[str, str]]:
         """The problems of a split that names what the experiment lacks, by key."""
-        for setpoint in split.setpoints() or ():
+        for setpoint in split.setpoints or ():
             if setpoint not in setpoints:
                 yield "setpoint", f"found {exact(setpoint)}, expected one of the setpoints of the experiment"
-        for label in split.policies() or ():
+        for label in split.labels or ():
             if label not in self.labels:
                 yield "policy", f"found {label!r}{meant(label, self.labels)}"
         indices = split.indices(self.episodes)

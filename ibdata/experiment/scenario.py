@@ -13,10 +13,18 @@ from pydantic import field_validator
 
 from ibdata.dynamics import VARIANTS, Variant
 from ibdata.experiment.dynamics import Dynamics
-from ibdata.experiment.fields import Start
+from ibdata.experiment.fields import (
+    Drifting,
+    EpisodeCount,
+    Seed,
+    Setpoints,
+    Start,
+    StepCount,
+    points_of,
+    repeated,
+)
 from ibdata.experiment.messages import refusals
 from ibdata.experiment.plain import plain
-from ibdata.experiment.setpoints import EpisodeCount, Seed, Setpoints, StepCount, repeated, setpoint_values
 from ibdata.policies import Policy
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.expert import Expert
@@ -46,12 +54,12 @@ class Scenario(FrozenModel):
     @cached_property
     def points(self) -> list[float]:
         """The setpoints. If they move, these are their first values."""
-        return setpoint_values(self.setpoint)[0]
+        return points_of(self.setpoint)
 
     @cached_property
     def drifting(self) -> bool:
         """Whether the setpoints move."""
-        return setpoint_values(self.setpoint)[1]
+        return self.setpoint == "drifting" or isinstance(self.setpoint, Drifting)
 
     @cached_property
     def world(self) -> World:
@@ -76,7 +84,7 @@ class Scenario(FrozenModel):
     @field_validator("setpoint")
     @classmethod
     def _once(cls, setpoint: Any) -> Any:
-        if problem := repeated(setpoint_values(setpoint)[0]):
+        if problem := repeated(points_of(setpoint)):
             raise ValueError(problem)
         return setpoint
 
