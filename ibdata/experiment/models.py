@@ -18,7 +18,6 @@ from pydantic import (
 
 from ibdata.dynamics import Variant
 from ibdata.errors import Loc, Problems, meant
-from ibdata.experiment.dynamics import Dynamics
 from ibdata.experiment.fields import (
     LICENCE,
     EpisodeCount,
@@ -36,7 +35,7 @@ from ibdata.experiment.fields import (
 from ibdata.experiment.messages import refusals
 from ibdata.experiment.plain import plain
 from ibdata.experiment.plan import segments
-from ibdata.experiment.scenario import Cell, Scenario
+from ibdata.experiment.scenario import Cell, Dynamics, Scenario
 from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
