@@ -14,9 +14,28 @@ from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.plan import Shard, plan, segments
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
+
+
+class Shard(NamedTuple):
+    """Episodes first … stop - 1 of an experiment, all in the same splits.
+
+    A merged dataset has several experiments. `experiment` is the index of this one, and `offset` is the
+    number of episodes in the experiments before it.
+    """
+
+    number: int
+    first: int
+    stop: int
+    splits: tuple[str, ...]
+    experiment: int = 0
+    offset: int = 0
+
+    @property
+    def stem(self) -> str:
+        """The beginning of the shard's path inside the dataset; a token follows."""
+        return f"data/part-{self.number:05d}"
 
 
 class Run(NamedTuple):
@@ -71,15 +90,17 @@ class DatasetSpec:
 
     @cached_property
     def shards(self) -> list[Shard]:
-        """The shards of all experiments, in order."""
+        """The shards in order: whole episodes, at least one, and at most `output.shard_rows` rows in each.
+
+        A new one begins where a declared split begins or ends, so that every split consists of whole files.
+        """
         shards: list[Shard] = []
         offset = 0
         for i, experiment in enumerate(self.experiments):
-            first = len(shards)
-            shards += [
-                shard._replace(number=first + shard.number, experiment=i, offset=offset)
-                for shard in plan(experiment)
-            ]
+            most = max(1, experiment.output.shard_rows // experiment.steps)
+            for first, stop, splits in experiment.segments(experiment.splits):
+                for start in range(first, stop, most):
+                    shards.append(Shard(len(shards), start, min(start + most, stop), splits, i, offset))
             offset += experiment.episode_count
         return shards
 
@@ -115,20 +136,16 @@ class DatasetSpec:
         parts = (part for policy in policies for part in policy.everywhere())
         return {part.file: part.weights.data for part in parts if isinstance(part, Network)}
 
-    def of_shard(self, shard: Shard) -> Experiment:
-        """The experiment that a shard belongs to."""
-        return self.experiments[shard.experiment]
-
     def rows_in(self, shards: Iterable[Shard]) -> int:
         """The number of transitions in some of the shards."""
-        return sum((shard.stop - shard.first) * self.of_shard(shard).steps for shard in shards)
+        return sum((shard.stop - shard.first) * self.experiments[shard.experiment].steps for shard in shards)
 
     def later_runs(self) -> dict[str, list[Run]]:
         """The episodes of each later split."""
         split_runs: dict[str, list[Run]] = {name: [] for name in self.later}
         offset = 0
         for experiment in self.experiments:
-            for first, stop, names in segments(experiment, self.later):
+            for first, stop, names in experiment.segments(self.later):
                 for name in names:
                     runs = split_runs[name]
                     run = Run(offset + first, offset + stop, experiment.steps)

@@ -22,8 +22,7 @@ from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, notice
 from ibdata.experiment import as_yaml
 from ibdata.experiment.code import changed_here, live_objects, names_of
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.record import Record
 from ibdata.numerics.naming import counted
 from ibdata.policies.live import without_runs

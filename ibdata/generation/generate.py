@@ -18,8 +18,7 @@ from ibdata.dataset.dataset import Dataset
 from ibdata.errors import UsageError, notice
 from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
 from ibdata.experiment.code import require_consent
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.shipped import is_suite, shipped_name
 from ibdata.generation import upload
 from ibdata.generation.build import Build, refuse_damage, refuse_name, size_in

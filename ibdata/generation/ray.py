@@ -15,8 +15,7 @@ from typing import Any, cast
 
 from ibdata.errors import IbdataError, missing
 from ibdata.experiment.code import user_objects
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.process import WorkerTask
 from ibdata.generation.record import agree
 from ibdata.generation.workers import make_shard

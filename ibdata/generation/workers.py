@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 from ibdata.errors import UsageError
 from ibdata.experiment.code import customs, live_objects
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.process import Process, Progress, Worker
 from ibdata.system.processes import available_processors

@@ -24,8 +24,7 @@ from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.code import user_objects
 from ibdata.experiment.columns import columns
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.system.files import FileEntry, write_new
 from ibdata.version import __version__
 from ibdata.writing import metadata
@@ -168,7 +167,7 @@ def episode_addresses(
     spec: DatasetSpec, shard: Shard, digests: list[bytes]
 ) -> Iterator[tuple[bytes, int, bytes]]:
     """Cell, index in the cell and digest of each episode of a shard."""
-    experiment = spec.of_shard(shard)
+    experiment = spec.experiments[shard.experiment]
     for i, digest in enumerate(digests, shard.first):
         yield experiment.cell_of(i).digest, i % experiment.episodes, digest
 

@@ -26,8 +26,7 @@ from ibdata.dataset.models import (
 from ibdata.dataset.statistics import described, merged
 from ibdata.dataset.stored import episode_schema
 from ibdata.experiment.columns import columns, layout
-from ibdata.experiment.dataset_spec import DatasetSpec, Run
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Run, Shard
 from ibdata.experiment.rollout import acting_in
 from ibdata.experiment.scenario import Cell
 from ibdata.writing.columns import arrow_array, arrow_strings, arrow_texts
@@ -113,7 +112,7 @@ def episodes_parquet(table: pa.Table) -> bytes:
 def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
     """The table of episodes, with one row per episode."""
     shards = [w.shard for w in written]
-    experiments = [spec.of_shard(shard) for shard in shards]
+    experiments = [spec.experiments[shard.experiment] for shard in shards]
     numbers = [np.arange(shard.first, shard.stop) for shard in shards]
     counts = [len(n) for n in numbers]
     address = [np.divmod(n, e.episodes) for n, e in zip(numbers, experiments, strict=True)]
@@ -163,7 +162,7 @@ def _acting(spec: DatasetSpec, shards: list[Shard]) -> pa.Array:
     known: dict[str, int] = {}
     parts = []
     for shard in shards:
-        names, acting = acting_in(spec.of_shard(shard), np.arange(shard.first, shard.stop))
+        names, acting = acting_in(spec.experiments[shard.experiment], np.arange(shard.first, shard.stop))
         used = {place: known.setdefault(names[place], len(known)) for place in np.unique(acting).tolist()}
         codes = np.array([used.get(place, 0) for place in range(len(names))], dtype=np.int32)
         parts.append(codes[acting])

@@ -26,8 +26,7 @@ from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns, layout
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.simulation.variables import Table
 from ibdata.system.files import FileEntry, HashingFile, file_sha256, new_file, read_sealed, sealed, write_new
 from ibdata.system.part import RECEIPTS
@@ -68,7 +67,7 @@ class ShardSummarizer:
     """Summarizes a shard whose pieces are added in order."""
 
     def __init__(self, spec: DatasetSpec, shard: Shard) -> None:
-        self.shard, self.experiment = shard, spec.of_shard(shard)
+        self.shard, self.experiment = shard, spec.experiments[shard.experiment]
         rows = (shard.stop - shard.first) * self.experiment.steps
         self._statistics = RowStatistics(rows, self.experiment.rows)
         self._digests: list[bytes] = []
@@ -191,7 +190,7 @@ def shard_writer(
     path = f"{shard.stem}-{secrets.token_hex(4)}.parquet"
     with (
         new_file(folder / path) as file,
-        parquet_writer(spec.of_shard(shard), file) as parquet,
+        parquet_writer(spec.experiments[shard.experiment], file) as parquet,
         _threads() if overlap else nullcontext() as threads,
     ):
         yield ShardWriter(shard, path, file, parquet, ShardSummarizer(spec, shard), threads)
