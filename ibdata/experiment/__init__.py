@@ -11,13 +11,12 @@ from typing import Annotated, Any
 
 from ruamel.yaml import YAML
 
-from ibdata.arguments import public
+from ibdata.arguments import native, public
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.overrides import Overrides, override_all
-from ibdata.experiment.plain import plain
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import Document, StrictYamlError
 
@@ -65,7 +64,7 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
     if isinstance(config, Experiment):
         return _overridden(config.plain(), overrides, seed, config.folder)
     if isinstance(config, Mapping):
-        return _overridden(plain(config), overrides, seed)
+        return _overridden(native(config), overrides, seed)
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("[!.]*.yaml"))[0]

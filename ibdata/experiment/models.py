@@ -16,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 
+from ibdata.arguments import native
 from ibdata.dynamics import Variant
 from ibdata.errors import Loc, Problems, meant
 from ibdata.experiment.fields import (
@@ -33,7 +34,6 @@ from ibdata.experiment.fields import (
     repeated,
 )
 from ibdata.experiment.messages import refusals
-from ibdata.experiment.plain import plain
 from ibdata.experiment.scenario import Cell, Dynamics, Scenario
 from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
@@ -56,7 +56,7 @@ class Experiment(FrozenModel):
     if not TYPE_CHECKING:  # type checkers and editors show the options below
 
         def __init__(self, **options: Any) -> None:
-            options = plain(options)
+            options = native(options)
             with refusals(options, Experiment):
                 super().__init__(**options)
 
@@ -166,7 +166,7 @@ class Experiment(FrozenModel):
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder. Raises ConfigError if the copy is not valid."""
         options = deepcopy(self.options()) if deep else self.options()
-        options = {**options, **plain(update or {})}
+        options = {**options, **native(update or {})}
         with refusals(options, type(self)):
             return self.model_validate(options, context={"folder": self.folder})
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
+from ibdata.arguments import native
 from ibdata.errors import Loc, UsageError
-from ibdata.experiment.plain import plain
 from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 
 Overrides = Annotated[Sequence[str] | Mapping[str, Any], "a list of texts key=value, or a mapping"]
@@ -36,7 +36,7 @@ def _single(key: str, value: Any) -> Iterator[tuple[str, Any]]:
 def _values(overrides: Overrides) -> Iterator[tuple[str, Any]]:
     """The dotted keys and the values of overrides."""
     if isinstance(overrides, Mapping):
-        yield from ((str(key), plain(value)) for key, value in overrides.items())
+        yield from ((str(key), native(value)) for key, value in overrides.items())
         return
     for override in overrides:
         key, equals, text = override.partition("=")

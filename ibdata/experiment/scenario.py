@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import AfterValidator, Field, Tag, create_model, field_validator
 
+from ibdata.arguments import native
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
 from ibdata.dynamics.variants import VariantError
 from ibdata.experiment.fields import (
@@ -27,7 +28,6 @@ from ibdata.experiment.fields import (
     repeated,
 )
 from ibdata.experiment.messages import refusals
-from ibdata.experiment.plain import plain
 from ibdata.policies import Policy
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.expert import Expert
@@ -160,7 +160,7 @@ def other_dynamics(policy: Policy, scenario: Scenario) -> Iterator[str]:
 
 def scenario_of(**settings: Any) -> Scenario:
     """Check the settings of a scenario. Raises ConfigError with a line `name: found, expected` for each."""
-    settings = plain(settings)
+    settings = native(settings)
     with refusals(settings, Scenario):
         return Scenario.model_validate(settings)
 
