@@ -62,9 +62,9 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
     if isinstance(config, Experiment):
-        return _overridden(config.plain(), overrides, seed, config.folder)
+        return _checked(config.plain(), overrides, seed, config.folder)
     if isinstance(config, Mapping):
-        return _overridden(native(config), overrides, seed)
+        return _checked(native(config), overrides, seed)
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("[!.]*.yaml"))[0]
@@ -72,6 +72,36 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             f"{path}: found a folder of experiments, expected a file such as {example}; "
             "generate takes a folder"
         )
+    return _read(path, overrides, seed)
+
+
+def load_all(
+    config: Config, overrides: Overrides = (), seed: int | None = None
+) -> tuple[Path | None, list[Experiment]]:
+    """Find and load all experiments of a folder or a shipped suite, in the order of their files.
+
+    Anything else is one experiment, as in `load`. Raises the errors of `load`, for all files at once.
+
+    Returns:
+        The folder or the file, or None if the experiment is from neither; and the experiments.
+    """
+    if isinstance(config, Mapping | Experiment):
+        return None, [load(config, overrides, seed)]
+    path = find(config)
+    experiments: list[Experiment] = []
+    problems: list[str] = []
+    for file in sorted(path.glob("[!.]*.yaml")) if is_suite(path) else [path]:
+        try:
+            experiments.append(_read(file, overrides, seed))
+        except UsageError as error:
+            problems += str(error).split("\n")
+    if problems:
+        raise ConfigError(list(dict.fromkeys(problems)))  # each file reports the same problem of an override
+    return path, experiments
+
+
+def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
+    """Load the experiment in a file."""
     try:
         document = Document(path.read_bytes())
     except OSError as error:
@@ -81,21 +111,21 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
     if not isinstance(document.data, dict):
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
 
-    def position(problem: Problem) -> str:
-        line, column = document.place(problem.loc, problem.at_key)
+    def begin(problem: Problem) -> str:
+        line, column = document.position(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    return _overridden(document.data, overrides, seed, path.parent.absolute(), position)
+    return _checked(document.data, overrides, seed, path.parent.absolute(), begin)
 
 
-def _overridden(
+def _checked(
     data: dict[str, Any],
     overrides: Overrides,
     seed: int | None,
     folder: Path | None = None,
-    position: Callable[[Problem], str] = lambda problem: "",
+    begin: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
-    """Apply the overrides and check the experiment; `position` begins the line of a problem in the file."""
+    """Apply the overrides and check the experiment; `begin` begins the line of a problem in the file."""
     changed = override_all(data, overrides)
     if seed is not None:
         data["seed"] = seed
@@ -104,32 +134,10 @@ def _overridden(
         if seed is not None and problem.loc == ("seed",):
             return problem.text
         is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))
-        return f"override {problem.text}" if is_changed else position(problem) + problem.text
+        return f"override {problem.text}" if is_changed else begin(problem) + problem.text
 
     with refusals(data, Experiment, line):
         return Experiment.model_validate(data, context={"folder": folder})
-
-
-def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> list[Experiment]:
-    """Load all experiments of a folder or a shipped suite, in the order of their files.
-
-    Anything else is one experiment, as in `load`. Raises the errors of `load`, for all files at once.
-    """
-    if isinstance(config, Mapping | Experiment):
-        return [load(config, overrides, seed)]
-    path = find(config)
-    if not is_suite(path):
-        return [load(config, overrides, seed)]
-    experiments: list[Experiment] = []
-    problems: list[str] = []
-    for file in sorted(path.glob("[!.]*.yaml")):
-        try:
-            experiments.append(load(file, overrides, seed))
-        except UsageError as error:
-            problems += str(error).split("\n")
-    if problems:
-        raise ConfigError(list(dict.fromkeys(problems)))  # each file reports the same problem of an override
-    return experiments
 
 
 def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
