@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
@@ -14,6 +14,7 @@ from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
+from ibdata.policies import Policy
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
 
@@ -36,6 +37,9 @@ class Shard(NamedTuple):
     def stem(self) -> str:
         """The beginning of the shard's path inside the dataset; a token follows."""
         return f"data/part-{self.number:05d}"
+
+
+P = TypeVar("P", bound=Policy)
 
 
 class Run(NamedTuple):
@@ -132,9 +136,12 @@ class DatasetSpec:
     @property
     def weights(self) -> dict[str, bytes]:
         """The contents of the weights files of all networks, by their names in a dataset."""
+        return {network.file: network.weights.data for network in self.policies_of(Network)}
+
+    def policies_of(self, kind: type[P]) -> list[P]:
+        """The policies of a class, including parts of others."""
         policies = (policy for experiment in self.experiments for policy in experiment.policies)
-        parts = (part for policy in policies for part in policy.everywhere())
-        return {part.file: part.weights.data for part in parts if isinstance(part, Network)}
+        return [part for policy in policies for part in policy.everywhere() if isinstance(part, kind)]
 
     def rows_in(self, shards: Iterable[Shard]) -> int:
         """The number of transitions in some of the shards."""

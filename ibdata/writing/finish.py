@@ -22,9 +22,9 @@ from ibdata.dataset.models import Code, File, Manifest, ShardEntry
 from ibdata.dataset.stored import EPISODES, INFO, STATISTICS
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.experiment.code import user_objects
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
+from ibdata.policies.user_object import UserObject
 from ibdata.system.files import FileEntry, write_new
 from ibdata.version import __version__
 from ibdata.writing import metadata
@@ -191,7 +191,7 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
         ),
         ("rows", listed.rows, spec.rows),
         ("files", sorted(files), sorted({*(s.path for s in listed.shards), *metadata_paths(spec)})),
-        ("code", targets, list(dict.fromkeys(policy.code_target for policy in user_objects(spec)))),
+        ("code", targets, list(dict.fromkeys(policy.code_target for policy in spec.policies_of(UserObject)))),
     ):
         if message := first_difference(found, expected):
             yield rule, message
