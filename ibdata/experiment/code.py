@@ -67,15 +67,16 @@ def record(policies: Sequence[UserObject]) -> list[Code]:
     The first entry also holds the modules and packages of the whole process.
     """
     distinct = {(policy.code_target, *policy.files_used().values()): policy for policy in policies}.values()
-    entries = [
-        Code(
+    entries = []
+    for policy in distinct:
+        file = policy.target_file()
+        entry = Code(
             target=policy.code_target,
             version=_version(re.split("[.:]", policy.target)[0]) if isinstance(policy, Custom) else None,
-            sha256=_sha256(policy.target_file()),
+            sha256=None if file is None else file_sha256(file),
             files={name: file_sha256(path) for name, path in policy.files_used().items()},
         )
-        for policy in distinct
-    ]
+        entries.append(entry)
     if not all(isinstance(policy, Live) for policy in policies):
         files, versions = _in_use([policy.target_file() for policy in policies])
         update = {"files": files | entries[0].files, "distributions": versions}
@@ -98,10 +99,6 @@ def _in_use(targets: Sequence[Path | None]) -> tuple[dict[str, str | None], dict
             packages.add(package)
     versions = {package: _version(package) for package in sorted(packages)}
     return files, {package: version for package, version in versions.items() if version is not None}
-
-
-def _sha256(path: Path | None) -> str | None:
-    return None if path is None else file_sha256(path)
 
 
 def _version(package: str) -> str | None:

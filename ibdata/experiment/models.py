@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -228,9 +228,7 @@ class Experiment(FrozenModel):
         if len(disjoint) < 2:
             return
         pairs = {pair for _, _, names in self.segments(disjoint) for pair in combinations(names, 2)}
-        order = list(disjoint)
-        for first, second in sorted(pairs, key=lambda pair: (order.index(pair[1]), order.index(pair[0]))):
-            yield (
-                ("splits", second),
-                f"shares episodes with {first}; change one of the two, or set overlap: true",
-            )
+        for second, first in product(disjoint, disjoint):
+            if (first, second) in pairs:
+                message = f"shares episodes with {first}; change one of the two, or set overlap: true"
+                yield ("splits", second), message

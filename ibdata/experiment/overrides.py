@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from ibdata.arguments import native
@@ -18,34 +18,25 @@ def override_all(data: Any, overrides: Overrides) -> set[Loc]:
 
     Raises UsageError if an override is not valid, or if its key does not fit the data.
     """
-    return {
-        _put(data, dotted, option)
-        for key, value in _values(overrides)
-        for dotted, option in _single(key, value)
-    }
+    changed: set[Loc] = set()
+    for key, value in map(_parsed, overrides) if isinstance(overrides, Sequence) else overrides.items():
+        value = native(value)
+        options = {str(key): value}
+        if key == "output" and isinstance(value, dict) and value:  # each option of `output` is an override
+            options = {f"output.{name}": option for name, option in value.items()}
+        changed |= {_put(data, dotted, option) for dotted, option in options.items()}
+    return changed
 
 
-def _single(key: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Split an override of `output` by a mapping into one override for each option of `output`."""
-    if key == "output" and isinstance(value, dict) and value:
-        yield from ((f"output.{name}", option) for name, option in value.items())
-    else:
-        yield key, value
-
-
-def _values(overrides: Overrides) -> Iterator[tuple[str, Any]]:
-    """The dotted keys and the values of overrides."""
-    if isinstance(overrides, Mapping):
-        yield from ((str(key), native(value)) for key, value in overrides.items())
-        return
-    for override in overrides:
-        key, equals, text = override.partition("=")
-        if not equals:
-            raise UsageError(f"override: found {override!r}, expected key=value")
-        try:
-            yield key.strip(), Document(text).data
-        except StrictYamlError as error:
-            raise UsageError(f"override {key.strip()}: {error.message}") from None
+def _parsed(override: str) -> tuple[str, Any]:
+    """The dotted key and the value of a text key=value."""
+    key, equals, text = override.partition("=")
+    if not equals:
+        raise UsageError(f"override: found {override!r}, expected key=value")
+    try:
+        return key.strip(), Document(text).data
+    except StrictYamlError as error:
+        raise UsageError(f"override {key.strip()}: {error.message}") from None
 
 
 def _put(data: Any, key: str, value: Any) -> Loc:

@@ -98,9 +98,8 @@ class Document:
             self.values[loc] = position
             return scalar(event.value) if event.style is None else event.value
         self.values[loc] = position
-        return self._list(loc) if isinstance(event, SequenceStartEvent) else self._mapping(loc)
-
-    def _list(self, loc: Loc) -> list[Any]:
+        if not isinstance(event, SequenceStartEvent):
+            return self._mapping(loc)
         items: list[Any] = []
         while not isinstance(event := next(self._events), CollectionEndEvent):
             items.append(self._value(event, (*loc, len(items))))

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, suggestion
+from ibdata.variables import AMPLIFICATION_START
 
 Float32s = npt.NDArray[np.float32]
-RUNAWAY = 1.2  # from which μ grows by itself, Eq. (23) of Hein et al. (2017)
 KINDS = ("fatigue", "runaway")
 EXPECTED = "{fatigue: 60}, runaway, or a mapping with a budget too, such as {fatigue: 60, budget: 25}"
 
@@ -28,7 +28,7 @@ class Cost:
     """
 
     kind: str
-    limit: float = RUNAWAY
+    limit: float = AMPLIFICATION_START
     budget: float = 0.0
 
     @property

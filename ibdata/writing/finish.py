@@ -169,7 +169,8 @@ def episode_addresses(
     """Cell, index in the cell and digest of each episode of a shard."""
     experiment = spec.experiments[shard.experiment]
     for i, digest in enumerate(digests, shard.first):
-        yield experiment.cell_of(i).digest, i % experiment.episodes, digest
+        cell, index = divmod(i, experiment.episodes)
+        yield experiment.cells[cell].digest, index, digest
 
 
 def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:

@@ -55,7 +55,10 @@ def info(spec: DatasetSpec) -> Info:
             cells=len({cell.digest for e in spec.experiments for cell in e.cells}),
             shards=len(spec.shards),
         ),
-        columns=[Column(**c.form()) for c in columns(spec.experiments[0])],
+        columns=[
+            Column(**{name: getattr(column, name) for name in Column.model_fields})
+            for column in columns(spec.experiments[0])
+        ],
     )
 
 
