@@ -1,10 +1,14 @@
-"""Load experiments from YAML or from Python data. All errors are reported at once, each with its position."""
+"""Load experiments from YAML or from Python data, with single values replaced by overrides.
+
+All errors are reported at once, each with its position.
+"""
 
 from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,19 +16,19 @@ from typing import Annotated, Any
 from ruamel.yaml import YAML
 
 from ibdata.arguments import native, public
-from ibdata.errors import ConfigError, UsageError
+from ibdata.errors import ConfigError, Loc, UsageError
 from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.overrides import Overrides, override_all
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
-from ibdata.experiment.yaml import Document, StrictYamlError
+from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 
 # The ways to name an experiment: a path, a shipped name, a mapping, or an Experiment itself.
 Config = Annotated[
     str | os.PathLike[str] | Mapping[str, Any] | Experiment,
     "a file, the name of a shipped experiment, a mapping or an Experiment",
 ]
+Overrides = Annotated[Sequence[str] | Mapping[str, Any], "a list of texts key=value, or a mapping"]
 
 KEYS = (*Experiment.model_fields, *(f"output.{name}" for name in Output.model_fields))
 
@@ -126,7 +130,14 @@ def _checked(
     begin: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
     """Apply the overrides and check the experiment; `begin` begins the line of a problem in the file."""
-    changed = override_all(data, overrides)
+    changed: set[Loc] = set()
+    pairs = overrides.items() if isinstance(overrides, Mapping) else map(_parsed, overrides)
+    for key, value in pairs:
+        value = native(value)
+        options = {str(key): value}
+        if key == "output" and isinstance(value, dict) and value:  # each option of `output` is an override
+            options = {f"output.{name}": option for name, option in value.items()}
+        changed |= {_put(data, dotted, option) for dotted, option in options.items()}
     if seed is not None:
         data["seed"] = seed
 
@@ -138,6 +149,53 @@ def _checked(
 
     with refusals(data, Experiment, line):
         return Experiment.model_validate(data, context={"folder": folder})
+
+
+def _parsed(override: str) -> tuple[str, Any]:
+    """The dotted key and the value of a text key=value."""
+    key, equals, text = override.partition("=")
+    if not equals:
+        raise UsageError(f"override: found {override!r}, expected key=value")
+    try:
+        return key.strip(), Document(text).data
+    except StrictYamlError as error:
+        raise UsageError(f"override {key.strip()}: {error.message}") from None
+
+
+def _put(data: Any, key: str, value: Any) -> Loc:
+    """Put a value at a dotted key. Returns the shortest new path.
+
+    A missing parent becomes a mapping, and the bare name of a policy becomes its block.
+    """
+    if (dotted := re.sub(r"\.?\[['\"]?(\w+)['\"]?\]", r".\1", key)) != key:
+        raise UsageError(f"override: found the key {key!r}; did you mean {dotted!r}?")
+    *parents, last = key.split(".")
+    if not all([*parents, last]) or len(parents) >= MAX_DEPTH:
+        raise UsageError(f"override: found the key {key!r}, expected names joined by dots")
+    path: Loc = ()
+    new_path: Loc = ()
+    for part in parents:
+        index = _index(data, part, key)
+        path = (*path, index)
+        child = data.get(index) if isinstance(data, dict) else data[index]
+        if isinstance(child, str) and path[0] == "policies":
+            child = data[index] = {"kind": child}
+        elif not isinstance(child, dict | list):
+            child = data[index] = {}
+            new_path = new_path or path
+        data = child
+    index = _index(data, last, key)
+    data[index] = value
+    return new_path or (*path, index)
+
+
+def _index(data: Any, part: str, key: str) -> str | int:
+    """The index of a part of a dotted key: a key of a mapping, or a number in a list."""
+    if isinstance(data, dict):
+        return part
+    if re.fullmatch("[0-9]{1,9}", part) and int(part) < len(data):
+        return int(part)
+    raise UsageError(f"override {key}: there is no item {part}")
 
 
 def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:
