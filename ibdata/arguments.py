@@ -90,7 +90,7 @@ def _taken(name: str, value: Any, kind: Any) -> Any:
         words = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
         *others, last = words or dict.fromkeys(_words(*member) for member in _kinds(kind))
         expected = f"{', '.join(others)} or {last}" if others else last
-        raise ArgumentError(f"{name}: found {excerpt(_plain(value))}, expected {expected}")
+        raise ArgumentError(f"{name}: found {excerpt(_native(value))}, expected {expected}")
     return taken
 
 
@@ -124,8 +124,24 @@ def _members(kind: Any) -> list[Any]:
     return _members(alias.__value__) if hasattr(alias, "__value__") else [kind]
 
 
-def _plain(value: Any) -> Any:
-    """Numbers and arrays of numpy, pandas and torch as those of Python."""
+def native(value: Any) -> Any:
+    """A copy of data in which tuples, ranges and arrays are lists, and numbers of numpy are Python's.
+
+    Any other value, such as a policy, stays as it is.
+
+    >>> import numpy as np
+    >>> native({"setpoints": np.arange(10, 40, 10), "start": {"burn_in": (1, 2)}})
+    {'setpoints': [10, 20, 30], 'start': {'burn_in': [1, 2]}}
+    """
+    if isinstance(value, Mapping):
+        return {key: native(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | range):
+        return [native(item) for item in value]
+    return _native(value)
+
+
+def _native(value: Any) -> Any:
+    """A number or an array of numpy, pandas or torch as that of Python."""
     as_list = getattr(value, "tolist", None)
     return as_list() if callable(as_list) and not isinstance(value, type) else value
 
@@ -136,7 +152,7 @@ def _as(name: str, value: Any, kind: Any) -> Any:
     if (type(value), ()) in kinds:  # as most are
         return value
     if any(member in (bool, int, float, Sequence, tuple) for member, _ in kinds):
-        value = _plain(value)
+        value = _native(value)
     for member, inner in kinds:
         if (taken := _as_one(name, value, member, inner)) is not WRONG:
             return taken

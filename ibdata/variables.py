@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+AMPLIFICATION_START = 1.2  # of a μ, from which it grows by itself, Eq. (23) of Hein et al. (2017)
+COST_MAX = 4915  # θ <= e^8.5 ≈ 4914.8
+M_MIN, M_MAX = -1.001, 1.24  # of the penalty m
+
 
 class Variable(NamedTuple):
     """One number of the state of an episode.
@@ -34,10 +38,10 @@ _TABLE = (
     Variable("fatigue", "f", "cost", 0, 300, "observation", "fatigue f"),
     Variable("consumption", "c", "cost", None, None, "observation", "consumption c (with its noise)"),
     Variable("reward", "r", "cost", None, None, "reward", "reward -c - 3f of the next observation"),
-    Variable("theta_0", "θ[t]", "cost", 0, 4915, "unsaved", "operational cost θ, now"),
+    Variable("theta_0", "θ[t]", "cost", 0, COST_MAX, "unsaved", "operational cost θ, now"),
     *(
         Variable(
-            f"theta_{lag}", f"θ[t-{lag}]", "cost", 0, 4915, "latent",
+            f"theta_{lag}", f"θ[t-{lag}]", "cost", 0, COST_MAX, "latent",
             f"operational cost θ, {lag} step{'s'[: lag > 1]} ago",
         )
         for lag in range(1, 10)
@@ -53,8 +57,8 @@ _TABLE = (
     Variable(
         "drift_left", "l", "steps", -1, None, "drift", "steps left of the moving setpoint's segment", True
     ),
-    Variable("convolved_cost", "θᶜ", "cost", 0, 4915, "derived", "convolved operational cost θᶜ"),
-    Variable("penalty", "m", "1", -1.001, 1.24, "derived", "mis-calibration penalty m"),
+    Variable("convolved_cost", "θᶜ", "cost", 0, COST_MAX, "derived", "convolved operational cost θᶜ"),
+    Variable("penalty", "m", "1", M_MIN, M_MAX, "derived", "mis-calibration penalty m"),
     Variable("expected_consumption", "ĉ", "cost", None, None, "derived", "consumption without noise ĉ"),
     Variable("effective_shift", "hᵉ", "1", -1.5, 1.5, "derived", "effective shift hᵉ"),
     Variable("effective_velocity", "vᵉ", "1", 0, 1, "derived", "effective velocity vᵉ"),

@@ -33,7 +33,7 @@ def list_() -> Result:
 
     A name that ends with / is that of a folder of experiments.
     """
-    from ibdata.experiment.catalogue import catalogue
+    from ibdata.experiment.shipped import catalogue
 
     return catalogue()
 
@@ -64,11 +64,12 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None) -> Print
 
     Prints all errors at once; the exit code is 2 if there are any.
     """
-    from ibdata.experiment import find, load_all
+    from ibdata.experiment import load_all
 
-    rows = sum(experiment.rows for experiment in load_all(config, overrides, seed))
-    path = str(find(config))
-    return Printed({"config": path, "valid": True, "rows": rows}, f"{path}: valid, {counted(rows, 'row')}")
+    path, experiments = load_all(config, overrides, seed)
+    rows = sum(experiment.rows for experiment in experiments)
+    text = f"{path}: valid, {counted(rows, 'row')}"
+    return Printed({"config": str(path), "valid": True, "rows": rows}, text)
 
 
 @config_command.command("show")

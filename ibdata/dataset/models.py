@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, RootModel, ValidationError
 
 from ibdata.errors import printable
+from ibdata.numerics.naming import NAME_PATTERN
 from ibdata.system.files import FileEntry
 
 SAFE_PATH = r"^(data|meta)/[a-z0-9][a-z0-9._-]{0,100}$"
@@ -16,7 +17,7 @@ MEANT = {SAFE_PATH: "a path in data/ or meta/", SHA256: "64 hex digits"}
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Sha256 = Annotated[str, Field(pattern=SHA256)]
 Path = Annotated[str, Field(pattern=SAFE_PATH)]
-Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}$")]
+Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 ColumnName = Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
 Unchecked = dict[str, Any]  # a JSON object of an experiment, which `ibdata.experiment` checks
 Quantile = Literal["0.01", "0.05", "0.25", "0.5", "0.75", "0.95", "0.99"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import clip, logistic
+from ibdata.variables import AMPLIFICATION_START
 
 TOLERANCE = 0.05  # an effective value of at most this resets its μ
 AMPLIFICATION = 1.1
-AMPLIFICATION_START = 1.2
 AMPLIFICATION_MAX = 5.0
 ALPHA_MEAN = 2.4
 ALPHA_SD = 0.4

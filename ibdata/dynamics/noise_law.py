@@ -15,10 +15,10 @@ from ibdata.dynamics.fatigue import (
     ALPHA_SD,
     AMPLIFICATION,
     AMPLIFICATION_MAX,
-    AMPLIFICATION_START,
     TOLERANCE,
 )
 from ibdata.dynamics.variants import Parameters
+from ibdata.variables import AMPLIFICATION_START
 
 Floats = npt.NDArray[np.float64]
 

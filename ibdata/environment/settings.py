@@ -14,12 +14,10 @@ from ibdata.dynamics.consumption import PENALTY_WEIGHT
 from ibdata.errors import UsageError, excerpt
 from ibdata.experiment.scenario import scenario_of
 from ibdata.simulation.episodes import World
-from ibdata.variables import VARIABLES, variable_of
+from ibdata.variables import COST_MAX, M_MAX, M_MIN, VARIABLES, variable_of
 from ibdata.views.options import View, ViewOptions, bounds_of, view_of
 
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095
-COST_MAX = 4915.0  # θ <= e^8.5 ≈ 4914.8
-M_MIN, M_MAX = -1.001, 1.24  # the penalty m, see `VARIABLES`
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,31 +1,34 @@
-"""Load experiments from YAML or from Python data. All errors are reported at once, each with its position."""
+"""Load experiments from YAML or from Python data, with single values replaced by overrides.
+
+All errors are reported at once, each with its position.
+"""
 
 from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from ruamel.yaml import YAML
 
-from ibdata.arguments import public
-from ibdata.errors import ConfigError, UsageError
+from ibdata.arguments import native, public
+from ibdata.errors import ConfigError, Loc, UsageError
 from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.overrides import Overrides, override_all
-from ibdata.experiment.plain import plain
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
-from ibdata.experiment.yaml import Document, StrictYamlError
+from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 
 # The ways to name an experiment: a path, a shipped name, a mapping, or an Experiment itself.
 Config = Annotated[
     str | os.PathLike[str] | Mapping[str, Any] | Experiment,
     "a file, the name of a shipped experiment, a mapping or an Experiment",
 ]
+Overrides = Annotated[Sequence[str] | Mapping[str, Any], "a list of texts key=value, or a mapping"]
 
 KEYS = (*Experiment.model_fields, *(f"output.{name}" for name in Output.model_fields))
 
@@ -63,9 +66,9 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
     if isinstance(config, Experiment):
-        return _overridden(config.plain(), overrides, seed, config.folder)
+        return _checked(config.plain(), overrides, seed, config.folder)
     if isinstance(config, Mapping):
-        return _overridden(plain(config), overrides, seed)
+        return _checked(native(config), overrides, seed)
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("[!.]*.yaml"))[0]
@@ -73,6 +76,36 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             f"{path}: found a folder of experiments, expected a file such as {example}; "
             "generate takes a folder"
         )
+    return _read(path, overrides, seed)
+
+
+def load_all(
+    config: Config, overrides: Overrides = (), seed: int | None = None
+) -> tuple[Path | None, list[Experiment]]:
+    """Find and load all experiments of a folder or a shipped suite, in the order of their files.
+
+    Anything else is one experiment, as in `load`. Raises the errors of `load`, for all files at once.
+
+    Returns:
+        The folder or the file, or None if the experiment is from neither; and the experiments.
+    """
+    if isinstance(config, Mapping | Experiment):
+        return None, [load(config, overrides, seed)]
+    path = find(config)
+    experiments: list[Experiment] = []
+    problems: list[str] = []
+    for file in sorted(path.glob("[!.]*.yaml")) if is_suite(path) else [path]:
+        try:
+            experiments.append(_read(file, overrides, seed))
+        except UsageError as error:
+            problems += str(error).split("\n")
+    if problems:
+        raise ConfigError(list(dict.fromkeys(problems)))  # each file reports the same problem of an override
+    return path, experiments
+
+
+def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
+    """Load the experiment in a file."""
     try:
         document = Document(path.read_bytes())
     except OSError as error:
@@ -82,22 +115,29 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
     if not isinstance(document.data, dict):
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
 
-    def position(problem: Problem) -> str:
-        line, column = document.place(problem.loc, problem.at_key)
+    def begin(problem: Problem) -> str:
+        line, column = document.position(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    return _overridden(document.data, overrides, seed, path.parent.absolute(), position)
+    return _checked(document.data, overrides, seed, path.parent.absolute(), begin)
 
 
-def _overridden(
+def _checked(
     data: dict[str, Any],
     overrides: Overrides,
     seed: int | None,
     folder: Path | None = None,
-    position: Callable[[Problem], str] = lambda problem: "",
+    begin: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
-    """Apply the overrides and check the experiment; `position` begins the line of a problem in the file."""
-    changed = override_all(data, overrides)
+    """Apply the overrides and check the experiment; `begin` begins the line of a problem in the file."""
+    changed: set[Loc] = set()
+    pairs = overrides.items() if isinstance(overrides, Mapping) else map(_parsed, overrides)
+    for key, value in pairs:
+        value = native(value)
+        options = {str(key): value}
+        if key == "output" and isinstance(value, dict) and value:  # each option of `output` is an override
+            options = {f"output.{name}": option for name, option in value.items()}
+        changed |= {_put(data, dotted, option) for dotted, option in options.items()}
     if seed is not None:
         data["seed"] = seed
 
@@ -105,32 +145,57 @@ def _overridden(
         if seed is not None and problem.loc == ("seed",):
             return problem.text
         is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))
-        return f"override {problem.text}" if is_changed else position(problem) + problem.text
+        return f"override {problem.text}" if is_changed else begin(problem) + problem.text
 
     with refusals(data, Experiment, line):
         return Experiment.model_validate(data, context={"folder": folder})
 
 
-def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> list[Experiment]:
-    """Load all experiments of a folder or a shipped suite, in the order of their files.
+def _parsed(override: str) -> tuple[str, Any]:
+    """The dotted key and the value of a text key=value."""
+    key, equals, text = override.partition("=")
+    if not equals:
+        raise UsageError(f"override: found {override!r}, expected key=value")
+    try:
+        return key.strip(), Document(text).data
+    except StrictYamlError as error:
+        raise UsageError(f"override {key.strip()}: {error.message}") from None
 
-    Anything else is one experiment, as in `load`. Raises the errors of `load`, for all files at once.
+
+def _put(data: Any, key: str, value: Any) -> Loc:
+    """Put a value at a dotted key. Returns the shortest new path.
+
+    A missing parent becomes a mapping, and the bare name of a policy becomes its block.
     """
-    if isinstance(config, Mapping | Experiment):
-        return [load(config, overrides, seed)]
-    path = find(config)
-    if not is_suite(path):
-        return [load(config, overrides, seed)]
-    experiments: list[Experiment] = []
-    problems: list[str] = []
-    for file in sorted(path.glob("[!.]*.yaml")):
-        try:
-            experiments.append(load(file, overrides, seed))
-        except UsageError as error:
-            problems += str(error).split("\n")
-    if problems:
-        raise ConfigError(list(dict.fromkeys(problems)))  # each file reports the same problem of an override
-    return experiments
+    if (dotted := re.sub(r"\.?\[['\"]?(\w+)['\"]?\]", r".\1", key)) != key:
+        raise UsageError(f"override: found the key {key!r}; did you mean {dotted!r}?")
+    *parents, last = key.split(".")
+    if not all([*parents, last]) or len(parents) >= MAX_DEPTH:
+        raise UsageError(f"override: found the key {key!r}, expected names joined by dots")
+    path: Loc = ()
+    new_path: Loc = ()
+    for part in parents:
+        index = _index(data, part, key)
+        path = (*path, index)
+        child = data.get(index) if isinstance(data, dict) else data[index]
+        if isinstance(child, str) and path[0] == "policies":
+            child = data[index] = {"kind": child}
+        elif not isinstance(child, dict | list):
+            child = data[index] = {}
+            new_path = new_path or path
+        data = child
+    index = _index(data, last, key)
+    data[index] = value
+    return new_path or (*path, index)
+
+
+def _index(data: Any, part: str, key: str) -> str | int:
+    """The index of a part of a dotted key: a key of a mapping, or a number in a list."""
+    if isinstance(data, dict):
+        return part
+    if re.fullmatch("[0-9]{1,9}", part) and int(part) < len(data):
+        return int(part)
+    raise UsageError(f"override {key}: there is no item {part}")
 
 
 def as_yaml(experiment: Experiment, ascii: bool = False) -> bytes:

@@ -16,17 +16,10 @@ from pathlib import Path
 
 from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
-from ibdata.errors import UsageError, notice, printable
+from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies import Policy
-from ibdata.policies.code import (
-    Places,
-    file_of,
-    is_installed,
-    known_before,
-    refuse_within_itself,
-    two_places,
-)
+from ibdata.policies.code import file_of, is_installed, known_before, refuse_within_itself, two_places
 from ibdata.policies.custom import Custom
 from ibdata.policies.live import Live
 from ibdata.policies.user_object import UserObject
@@ -35,25 +28,9 @@ from ibdata.system.files import file_sha256
 OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
 
 
-def user_objects(spec: DatasetSpec) -> list[UserObject]:
-    """Return every policy of a dataset that acts through a user's object, including parts of others."""
-    policies = (policy for experiment in spec.experiments for policy in experiment.policies)
-    return [part for policy in policies for part in user_objects_in(policy)]
-
-
 def user_objects_in(policy: Policy) -> Iterator[UserObject]:
     """Yield the users' objects among a policy and its parts."""
     return (part for part in policy.everywhere() if isinstance(part, UserObject))
-
-
-def customs(spec: DatasetSpec) -> list[Custom]:
-    """Return every policy of a dataset whose code has a name, including parts of others."""
-    return [part for part in user_objects(spec) if isinstance(part, Custom)]
-
-
-def live_objects(spec: DatasetSpec) -> list[Live]:
-    """Return every policy of a dataset that is an object of a session, including parts of others."""
-    return [part for part in user_objects(spec) if isinstance(part, Live)]
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, again: bool = False) -> None:
@@ -62,30 +39,19 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
     Raises UsageError if the code may not run, or if a policy is a live object that no longer exists. With
     `again`, other processes may need the policy, so every live object is refused.
     """
-    targets = list(dict.fromkeys(custom.target for custom in customs(spec)))
+    targets = list(dict.fromkeys(custom.target for custom in spec.policies_of(Custom)))
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
             "--allow-code if you trust it"
         )
     refuse_within_itself(targets)
-    for live in live_objects(spec):
+    for live in spec.policies_of(Live):
         if again or not live.is_held:
             raise UsageError(
                 f"{where}: found {live.code_target}, an object that acts in the Python session of its run "
                 "and nowhere else; put its class into a file and name it with kind: custom"
             )
-
-
-def announce(spec: DatasetSpec) -> None:
-    """Print on stderr which code of custom policies runs now."""
-    for target in dict.fromkeys(custom.target for custom in customs(spec)):
-        notice(f"running the code of {target}")
-
-
-def places_of(spec: DatasetSpec) -> Places:
-    """The folders in which ibdata looks for the code of custom policies."""
-    return two_places(spec.experiments[0].folder)
 
 
 def consented_spec(stored: Stored, allow_code: bool) -> DatasetSpec:
@@ -101,15 +67,16 @@ def record(policies: Sequence[UserObject]) -> list[Code]:
     The first entry also holds the modules and packages of the whole process.
     """
     distinct = {(policy.code_target, *policy.files_used().values()): policy for policy in policies}.values()
-    entries = [
-        Code(
+    entries = []
+    for policy in distinct:
+        file = policy.target_file()
+        entry = Code(
             target=policy.code_target,
             version=_version(re.split("[.:]", policy.target)[0]) if isinstance(policy, Custom) else None,
-            sha256=_sha256(policy.target_file()),
+            sha256=None if file is None else file_sha256(file),
             files={name: file_sha256(path) for name, path in policy.files_used().items()},
         )
-        for policy in distinct
-    ]
+        entries.append(entry)
     if not all(isinstance(policy, Live) for policy in policies):
         files, versions = _in_use([policy.target_file() for policy in policies])
         update = {"files": files | entries[0].files, "distributions": versions}
@@ -134,10 +101,6 @@ def _in_use(targets: Sequence[Path | None]) -> tuple[dict[str, str | None], dict
     return files, {package: version for package, version in versions.items() if version is not None}
 
 
-def _sha256(path: Path | None) -> str | None:
-    return None if path is None else file_sha256(path)
-
-
 def _version(package: str) -> str | None:
     with suppress(importlib.metadata.PackageNotFoundError, ValueError):
         return importlib.metadata.version(package)
@@ -148,7 +111,8 @@ def _version(package: str) -> str | None:
 def changed_here(spec: DatasetSpec, record: Sequence[Code]) -> list[str]:
     """The files of a record whose content differs on this machine. Nothing is imported to find them."""
     subfolders = [Path(), *(Path(code.target.partition(":")[0]).parent for code in record)]
-    folders = [folder / subfolder for folder in places_of(spec) for subfolder in subfolders]
+    places = two_places(spec.experiments[0].folder)
+    folders = [place / subfolder for place in places for subfolder in subfolders]
     folders += map(Path, sys.path)
     names = []
     for name, recorded in _hashes(record).items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,12 +26,6 @@ class Column(NamedTuple):
     description: str
     variable: str | None = None  # the variable of the state in this column
     later: bool = False  # whether the value is that at t + 1
-
-    def form(self) -> dict[str, Any]:
-        """The column as the files of a dataset describe it."""
-        form = self._asdict()
-        del form["variable"], form["later"]
-        return form
 
 
 def columns(experiment: Experiment) -> list[Column]:
@@ -91,15 +85,6 @@ def layout(experiment: Experiment) -> Layout:
     floats = [column for column in columns(experiment) if column.dtype == experiment.output.dtype]
     names = tuple(column.name for column in floats)
     recorded = list(dict.fromkeys(column.variable for column in floats if column.variable is not None))
-    sources = [
-        (recorded.index(column.variable), i, column.later)
-        for i, column in enumerate(floats)
-        if column.variable
-    ]
-    return Layout(
-        names,
-        record_rows(recorded),
-        np.array(sources),
-        names.index("act_velocity"),
-        names.index("action_log_prob"),
-    )
+    sources = [(recorded.index(c.variable), i, c.later) for i, c in enumerate(floats) if c.variable]
+    ends = names.index("act_velocity"), names.index("action_log_prob")
+    return Layout(names, record_rows(recorded), np.array(sources), *ends)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
@@ -14,9 +14,32 @@ from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.plan import Shard, plan, segments
+from ibdata.policies import Policy
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import kept
+
+
+class Shard(NamedTuple):
+    """Episodes first … stop - 1 of an experiment, all in the same splits.
+
+    A merged dataset has several experiments. `experiment` is the index of this one, and `offset` is the
+    number of episodes in the experiments before it.
+    """
+
+    number: int
+    first: int
+    stop: int
+    splits: tuple[str, ...]
+    experiment: int = 0
+    offset: int = 0
+
+    @property
+    def stem(self) -> str:
+        """The beginning of the shard's path inside the dataset; a token follows."""
+        return f"data/part-{self.number:05d}"
+
+
+P = TypeVar("P", bound=Policy)
 
 
 class Run(NamedTuple):
@@ -71,15 +94,17 @@ class DatasetSpec:
 
     @cached_property
     def shards(self) -> list[Shard]:
-        """The shards of all experiments, in order."""
+        """The shards in order: whole episodes, at least one, and at most `output.shard_rows` rows in each.
+
+        A new one begins where a declared split begins or ends, so that every split consists of whole files.
+        """
         shards: list[Shard] = []
         offset = 0
         for i, experiment in enumerate(self.experiments):
-            first = len(shards)
-            shards += [
-                shard._replace(number=first + shard.number, experiment=i, offset=offset)
-                for shard in plan(experiment)
-            ]
+            most = max(1, experiment.output.shard_rows // experiment.steps)
+            for first, stop, splits in experiment.segments(experiment.splits):
+                for start in range(first, stop, most):
+                    shards.append(Shard(len(shards), start, min(start + most, stop), splits, i, offset))
             offset += experiment.episode_count
         return shards
 
@@ -111,24 +136,23 @@ class DatasetSpec:
     @property
     def weights(self) -> dict[str, bytes]:
         """The contents of the weights files of all networks, by their names in a dataset."""
-        policies = (policy for experiment in self.experiments for policy in experiment.policies)
-        parts = (part for policy in policies for part in policy.everywhere())
-        return {part.file: part.weights.data for part in parts if isinstance(part, Network)}
+        return {network.file: network.weights.data for network in self.policies_of(Network)}
 
-    def of_shard(self, shard: Shard) -> Experiment:
-        """The experiment that a shard belongs to."""
-        return self.experiments[shard.experiment]
+    def policies_of(self, kind: type[P]) -> list[P]:
+        """The policies of a class, including parts of others."""
+        policies = (policy for experiment in self.experiments for policy in experiment.policies)
+        return [part for policy in policies for part in policy.everywhere() if isinstance(part, kind)]
 
     def rows_in(self, shards: Iterable[Shard]) -> int:
         """The number of transitions in some of the shards."""
-        return sum((shard.stop - shard.first) * self.of_shard(shard).steps for shard in shards)
+        return sum((shard.stop - shard.first) * self.experiments[shard.experiment].steps for shard in shards)
 
     def later_runs(self) -> dict[str, list[Run]]:
         """The episodes of each later split."""
         split_runs: dict[str, list[Run]] = {name: [] for name in self.later}
         offset = 0
         for experiment in self.experiments:
-            for first, stop, names in segments(experiment, self.later):
+            for first, stop, names in experiment.segments(self.later):
                 for name in names:
                     runs = split_runs[name]
                     run = Run(offset + first, offset + stop, experiment.steps)

@@ -1,16 +1,146 @@
-"""Start, output and splits of an experiment."""
+"""The fields of an experiment: numbers and names, setpoints, start, output and splits."""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Mapping
+from fractions import Fraction
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, Tag
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from ibdata.experiment.messages import shown
-from ibdata.experiment.setpoints import WHOLE, SetpointOrList, by_form
+from ibdata.errors import excerpt, suggestion
+from ibdata.numerics.naming import NAME_PATTERN, exact
 from ibdata.policies.base import FrozenModel
+
+LICENCE = "CC-BY-4.0"  # the licence where an experiment names none
+LICENCE_PATTERN = r"^[A-Za-z0-9(][A-Za-z0-9.+() -]{0,198}[A-Za-z0-9.+)]$"
+MAX_SETPOINTS = 10_000
+SHARE_PATTERN = r"^(first|last) ([1-9][0-9]?) ?%$"
+
+
+def _whole(value: Any) -> Any:
+    """Accept 1e3 as a whole number. Strict integers then refuse true."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _not_default(name: str) -> str:
+    if name == "default":
+        raise ValueError("found 'default', the name of the whole dataset; choose another")
+    return name
+
+
+WHOLE = BeforeValidator(_whole)
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+# -0.0 becomes 0.0, so that both have the same digest.
+Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
+EpisodeCount = Annotated[int, Field(strict=True, ge=1, lt=2**48), WHOLE]
+StepCount = Annotated[int, Field(strict=True, ge=1, lt=2**31), WHOLE]
+EpisodeIndex = Annotated[int, Field(strict=True, ge=0), WHOLE]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE]
+Licence = Annotated[str, Field(pattern=LICENCE_PATTERN)]
+FileName = Annotated[str, Field(pattern=NAME_PATTERN)]
+SplitName = Annotated[FileName, AfterValidator(_not_default)]
+SetpointList = Annotated[list[Setpoint], Field(min_length=1, max_length=MAX_SETPOINTS)]
+
+
+def by_type(*tags: str) -> Discriminator:
+    """Choose the branch of a union by the type of a value. Any other type gets the first branch."""
+
+    def tag(value: Any) -> str:
+        if isinstance(value, dict | FrozenModel):
+            name = "<mapping>"
+        elif isinstance(value, list):
+            name = "<list>"
+        else:
+            name = "<word>" if isinstance(value, str) else "<number>"
+        return name if name in tags else tags[0]
+
+    return Discriminator(tag)
+
+
+class SetpointRange(FrozenModel):
+    """The setpoints start, start + step, … up to stop, which is included."""
+
+    start: Setpoint
+    stop: Setpoint
+    step: Annotated[Real, Field(gt=0.0)]
+
+    def values(self) -> list[float]:
+        """The setpoints of the range."""
+        # Fractions of the written decimals are exact: 0.1 · 3 is 0.3, and no setpoint exceeds the stop.
+        start, stop, step = (Fraction(repr(number)) for number in (self.start, self.stop, self.step))
+        return [float(start + i * step) for i in range(math.floor((stop - start) / step) + 1)]
+
+    @model_validator(mode="after")
+    def _check(self) -> SetpointRange:
+        if self.stop < self.start:
+            raise ValueError(
+                f"found stop {exact(self.stop)} below start {exact(self.start)}, expected at least start"
+            )
+        if (self.stop - self.start) / self.step >= MAX_SETPOINTS:
+            raise ValueError(f"found more than {MAX_SETPOINTS} setpoints, expected at most {MAX_SETPOINTS}")
+        return self
+
+
+SetpointOrList = Annotated[
+    Annotated[Setpoint, Tag("<number>")] | Annotated[SetpointList, Tag("<list>")],
+    by_type("<number>", "<list>"),
+]
+
+
+class Drifting(FrozenModel):
+    """Moving setpoints, given by their first values."""
+
+    drifting: SetpointOrList
+
+
+def _drifting(value: Any) -> Any:
+    if isinstance(value, str) and value != "drifting":
+        raise ValueError(
+            f"found {excerpt(value)}, expected a number, a list, {{start, stop, step}} or drifting"
+            f"{suggestion(value, ['drifting'])}"
+        )
+    return value
+
+
+def points_of(setpoints: Any) -> list[float]:
+    """The setpoints in order. If they move, these are their first values.
+
+    >>> points_of("drifting"), points_of(70.0)
+    ([50.0], [70.0])
+    """
+    if setpoints == "drifting":
+        return [50.0]
+    if isinstance(setpoints, SetpointRange):
+        return setpoints.values()
+    points = setpoints.drifting if isinstance(setpoints, Drifting) else setpoints
+    return points if isinstance(points, list) else [points]
+
+
+def repeated(points: list[float]) -> str | None:
+    """The problem if a setpoint occurs twice; None otherwise."""
+    seen: set[float] = set()
+    for point in points:
+        if point in seen:
+            return f"found {exact(point)} twice, expected each setpoint once"
+        seen.add(point)
+    return None
+
+
+Setpoints = Annotated[
+    Annotated[Setpoint, Tag("<number>")]
+    | Annotated[Literal["drifting"], BeforeValidator(_drifting), Tag("<word>")]
+    | Annotated[SetpointList, Tag("<list>")]
+    | Annotated[
+        Annotated[Drifting, Tag("<drifting>")] | Annotated[SetpointRange, Tag("<range>")],
+        Discriminator(lambda x: "<drifting>" if isinstance(x, Drifting) or "drifting" in x else "<range>"),
+        Tag("<mapping>"),
+    ],
+    by_type("<number>", "<word>", "<list>", "<mapping>"),
+]
 
 
 def _ordered(pair: list[int]) -> list[int]:
@@ -38,7 +168,7 @@ class BurnIn(FrozenModel):
 
 Start = Annotated[
     Annotated[Literal["default", "uniform"], Tag("<word>")] | Annotated[BurnIn, Tag("<mapping>")],
-    by_form("<word>", "<mapping>"),
+    by_type("<word>", "<mapping>"),
 ]
 
 
@@ -59,21 +189,8 @@ class Output(FrozenModel):
 class EpisodeRange(FrozenModel):
     """Episodes of each cell by their index, which begins at 0; the stop is included."""
 
-    start: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(default=0, description="the first")
-    stop: Annotated[int, Field(strict=True, ge=0), WHOLE] = Field(description="the last")
-
-
-SHARE = re.compile(r"(first|last) ([1-9][0-9]?) ?%")
-SCHEMA: dict[str, Any] = {"pattern": f"^{SHARE.pattern}$"}
-
-
-def _share(value: str) -> str:
-    """Check a share of the episodes of each cell, such as `first 90%`."""
-    if not SHARE.fullmatch(value):
-        raise ValueError(
-            f"found {shown(value)}, expected a whole number, {{start, stop}}, or a share such as first 90%"
-        )
-    return value
+    start: EpisodeIndex = Field(default=0, description="the first")
+    stop: EpisodeIndex = Field(description="the last")
 
 
 class Split(FrozenModel):
@@ -83,7 +200,7 @@ class Split(FrozenModel):
     policy: (
         Annotated[
             Annotated[str, Tag("<word>")] | Annotated[list[str], Field(min_length=1), Tag("<list>")],
-            by_form("<word>", "<list>"),
+            by_type("<word>", "<list>"),
         ]
         | None
     ) = Field(default=None, description="a label or a list; default: all")
@@ -91,8 +208,8 @@ class Split(FrozenModel):
         Annotated[
             Annotated[Annotated[int, Field(strict=True, ge=1), WHOLE], Tag("<number>")]
             | Annotated[EpisodeRange, Tag("<mapping>")]
-            | Annotated[str, AfterValidator(_share), Field(json_schema_extra=SCHEMA), Tag("<word>")],
-            by_form("<number>", "<mapping>", "<word>"),
+            | Annotated[str, Field(pattern=SHARE_PATTERN), Tag("<word>")],
+            by_type("<number>", "<mapping>", "<word>"),
         ]
         | None
     ) = Field(
@@ -101,23 +218,22 @@ class Split(FrozenModel):
     )
     overlap: bool = Field(default=False, strict=True, description="may share episodes with other splits")
 
-    def setpoints(self) -> list[float] | None:
-        """The selected setpoints, or None for all."""
-        return self.setpoint if isinstance(self.setpoint, list | None) else [self.setpoint]
+    @cached_property
+    def setpoints(self) -> Mapping[float, None] | None:
+        """The selected setpoints as keys, or None for all."""
+        if self.setpoint is None:
+            return None
+        return dict.fromkeys(self.setpoint if isinstance(self.setpoint, list) else [self.setpoint])
 
-    def policies(self) -> list[str] | None:
+    @property
+    def labels(self) -> list[str] | None:
         """The labels of the selected policies, or None for all."""
         return self.policy if isinstance(self.policy, list | None) else [self.policy]
 
-    @cached_property
-    def _setpoints(self) -> frozenset[float]:
-        return frozenset(self.setpoints() or ())
-
     def selects(self, setpoint: float, label: str) -> bool:
         """Whether the split selects episodes of the cell with this setpoint and this policy label."""
-        has_setpoint = self.setpoint is None or setpoint in self._setpoints
-        has_label = self.policy is None or label in (self.policies() or ())
-        return has_setpoint and has_label
+        has_setpoint = self.setpoints is None or setpoint in self.setpoints
+        return has_setpoint and (self.labels is None or label in self.labels)
 
     def indices(self, episodes: int) -> range:
         """The indices of the selected episodes in a cell of so many episodes.
@@ -126,7 +242,7 @@ class Split(FrozenModel):
         """
         if isinstance(self.episodes, EpisodeRange):
             return range(self.episodes.start, self.episodes.stop + 1)
-        if isinstance(self.episodes, str) and (share := SHARE.fullmatch(self.episodes)):
+        if isinstance(self.episodes, str) and (share := re.match(SHARE_PATTERN, self.episodes)):
             is_first, percent = share[1] == "first", int(share[2])
             border = max(1, episodes * (percent if is_first else 100 - percent) // 100)
             return range(border) if is_first else range(border, episodes)

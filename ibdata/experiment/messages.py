@@ -11,8 +11,11 @@ from typing import Any, NamedTuple, get_args
 from pydantic import BaseModel, ValidationError
 
 from ibdata.errors import ConfigError, Loc, Problems, meant, suggestion
+from ibdata.experiment.fields import LICENCE, LICENCE_PATTERN, SHARE_PATTERN
+from ibdata.numerics.naming import NAME_PATTERN
 from ibdata.policies import POLICIES
 from ibdata.policies.custom import TARGET, TARGET_MEANT
+from ibdata.policies.weights_file import SHA256
 
 # type of an error → what was expected; the context of the error fills the braces
 EXPECTED = {
@@ -33,7 +36,15 @@ EXPECTED = {
     "less_than_equal": "a {number} of at most {bound}",
     "too_short": "at least {min_length} {items}",
     "too_long": "at most {max_length} {items}",
-    "string_pattern_mismatch": "a name of a-z, 0-9, _ and -, at most 64 characters",
+}
+# pattern of a text → what was expected
+PATTERNS = {
+    NAME_PATTERN: "a name of a-z, 0-9, _ and -, at most 64 characters",
+    SHA256: "64 hex digits",
+    TARGET: TARGET_MEANT,
+    LICENCE_PATTERN: f"an SPDX expression such as {LICENCE} or 'MIT OR Apache-2.0': "
+    "2 to 200 letters, digits, spaces and . + - ( )",
+    SHARE_PATTERN: "a whole number, {start, stop}, or a share such as first 90%",
 }
 
 
@@ -125,8 +136,8 @@ def _message(error: Mapping[str, Any], options: list[str]) -> str:
         return f"found {shown(value)}, expected a mapping with 'kind'"
     if kind in ("value_error", "assertion_error"):
         return str(context["error"])
-    if context.get("pattern") == TARGET:
-        return f"found {shown(value)}, expected {TARGET_MEANT}"
+    if meant_text := PATTERNS.get(context.get("pattern")):
+        return f"found {shown(value)}, expected {meant_text}"
     if kind in EXPECTED:
         bound = context.get("min_length", context.get("max_length", next(iter(context.values()), None)))
         placeholders = {

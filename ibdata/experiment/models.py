@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,26 +16,25 @@ from pydantic import (
     model_validator,
 )
 
+from ibdata.arguments import native
 from ibdata.dynamics import Variant
 from ibdata.errors import Loc, Problems, meant
-from ibdata.experiment.dynamics import Dynamics
-from ibdata.experiment.fields import Output, Split, Start
-from ibdata.experiment.messages import refusals
-from ibdata.experiment.plain import plain
-from ibdata.experiment.plan import segments
-from ibdata.experiment.scenario import Cell, Scenario
-from ibdata.experiment.setpoints import (
+from ibdata.experiment.fields import (
     LICENCE,
     EpisodeCount,
     FileName,
     Licence,
+    Output,
     Seed,
     Setpoints,
+    Split,
     SplitName,
+    Start,
     StepCount,
     repeated,
-    setpoint_values,
 )
+from ibdata.experiment.messages import refusals
+from ibdata.experiment.scenario import Cell, Dynamics, Scenario
 from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
@@ -57,7 +56,7 @@ class Experiment(FrozenModel):
     if not TYPE_CHECKING:  # type checkers and editors show the options below
 
         def __init__(self, **options: Any) -> None:
-            options = plain(options)
+            options = native(options)
             with refusals(options, Experiment):
                 super().__init__(**options)
 
@@ -149,10 +148,25 @@ class Experiment(FrozenModel):
         """The cell of an episode, by its number in the experiment."""
         return self.cells[episode // self.episodes]
 
+    def segments(self, splits: Mapping[str, Split]) -> list[tuple[int, int, tuple[str, ...]]]:
+        """The longest ranges (first, stop, names) of episodes that are in the same ones of these splits."""
+        n = self.episodes
+        indices = {name: split.indices(n) for name, split in splits.items()}
+        ends = (end for selected in indices.values() for end in (selected.start, selected.stop))
+        borders = sorted({0, n, *(min(n, end) for end in ends)})
+        runs: list[tuple[int, int, tuple[str, ...]]] = []
+        for i, cell in enumerate(self.cells):
+            of_cell = [name for name, split in splits.items() if split.selects(cell.setpoint, cell.label)]
+            for low, high in pairwise(borders):
+                names = tuple(name for name in of_cell if low in indices[name])
+                first = runs.pop()[0] if runs and runs[-1][2] == names else i * n + low
+                runs.append((first, i * n + high, names))
+        return runs
+
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder. Raises ConfigError if the copy is not valid."""
         options = deepcopy(self.options()) if deep else self.options()
-        options = {**options, **plain(update or {})}
+        options = {**options, **native(update or {})}
         with refusals(options, type(self)):
             return self.model_validate(options, context={"folder": self.folder})
 
@@ -168,34 +182,32 @@ class Experiment(FrozenModel):
     def _check(self, info: ValidationInfo) -> Experiment:
         folder = (info.context or {}).get("folder")
         self._folder = folder and folder.absolute()
-        if problems := list(self._contradictions()) or list(self._shared_episodes()):
-            raise Problems(problems)
-        return self
-
-    def _contradictions(self) -> Iterator[tuple[Loc, str]]:
-        """The problems of options that do not fit each other, by path."""
-        setpoints, _ = setpoint_values(self.setpoints)
+        problems: list[tuple[Loc, str]] = []
+        setpoints = self.scenario.points
         cells = len(setpoints) * len(self.policies)
         if cells * self.episodes / max(1, self.output.shard_rows // self.steps) > MAX_SHARDS:
             message = f"found more than {MAX_SHARDS} files, expected at most {MAX_SHARDS}"
-            yield ("output", "shard_rows"), message
+            problems.append((("output", "shard_rows"), message))
         if problem := repeated(setpoints):
-            yield ("setpoints",), problem
+            problems.append((("setpoints",), problem))
         forms = [policy.form() for policy in self.policies]
         for i, form in enumerate(forms):
             if form in forms[:i]:
                 message = f"found the same policy as policies.{forms.index(form)}; remove one of the two"
-                yield ("policies", i), message
+                problems.append((("policies", i), message))
         for name, split in self.splits.items():
             for key, problem in self._unknown_in(split, set(setpoints)):
-                yield ("splits", name, key), problem
+                problems.append((("splits", name, key), problem))
+        if problems := problems or list(self._shared_episodes()):
+            raise Problems(problems)
+        return self
 
     def _unknown_in(self, split: Split, setpoints: set[float]) -> Iterator[tuple[str, str]]:
         """The problems of a split that names what the experiment lacks, by key."""
-        for setpoint in split.setpoints() or ():
+        for setpoint in split.setpoints or ():
             if setpoint not in setpoints:
                 yield "setpoint", f"found {exact(setpoint)}, expected one of the setpoints of the experiment"
-        for label in split.policies() or ():
+        for label in split.labels or ():
             if label not in self.labels:
                 yield "policy", f"found {label!r}{meant(label, self.labels)}"
         indices = split.indices(self.episodes)
@@ -215,10 +227,8 @@ class Experiment(FrozenModel):
         disjoint = {name: split for name, split in self.splits.items() if not split.overlap}
         if len(disjoint) < 2:
             return
-        pairs = {pair for _, _, names in segments(self, disjoint) for pair in combinations(names, 2)}
-        order = list(disjoint)
-        for first, second in sorted(pairs, key=lambda pair: (order.index(pair[1]), order.index(pair[0]))):
-            yield (
-                ("splits", second),
-                f"shares episodes with {first}; change one of the two, or set overlap: true",
-            )
+        pairs = {pair for _, _, names in self.segments(disjoint) for pair in combinations(names, 2)}
+        for second, first in product(disjoint, disjoint):
+            if (first, second) in pairs:
+                message = f"shares episodes with {first}; change one of the two, or set overlap: true"
+                yield ("splits", second), message

@@ -9,7 +9,6 @@ import numpy as np
 
 from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.scenario import Cell
 from ibdata.numerics.random import Purpose, stream_key
 from ibdata.policies.compound import PolicyMixture
 from ibdata.policies.distributions import Distribution
@@ -37,8 +36,7 @@ class Columns(NamedTuple):
 class TableBuffer:
     """The memory of one table. All calls of `rollout` in a thread share it."""
 
-    def __init__(self) -> None:
-        self._bytes = np.empty(0, np.uint8)
+    _bytes = np.empty(0, np.uint8)
 
     def table(self, shape: tuple[int, int], dtype: str) -> Table:
         """A table of any content. It replaces the previous table."""
@@ -88,30 +86,21 @@ def blocks(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int,
 
 def episodes_of(experiment: Experiment, numbers: Ints) -> Episodes:
     """The episodes with these numbers (n,). All of them get the policy of the first one."""
-    cells, cell_indices, indices = cells_of(experiment, numbers)
+    cell_numbers, indices = np.divmod(numbers, experiment.episodes)
+    distinct, cell_indices = np.unique(cell_numbers, return_inverse=True)
+    cells = [experiment.cells[i] for i in distinct.tolist()]
     keys = np.array([stream_key(experiment.seed, cell.digest) for cell in cells])[cell_indices]
     setpoints = np.array([cell.setpoint for cell in cells])[cell_indices]
-    policy, label = cells[0].policy, cells[0].label
     return Episodes(
         experiment.scenario.world,
-        policy,
-        label,
+        cells[0].policy,
+        cells[0].label,
         keys=keys,
         policy_keys=keys,
         index=indices,
         setpoint=setpoints,
         number=numbers,
     )
-
-
-def cells_of(experiment: Experiment, numbers: Ints) -> tuple[list[Cell], Ints, Ints]:
-    """The cells of the episodes with these numbers (n,).
-
-    Returns also, for each episode, the index of its cell in that list and its own index in the cell.
-    """
-    cell_numbers, indices = np.divmod(numbers, experiment.episodes)
-    distinct, cell_indices = np.unique(cell_numbers, return_inverse=True)
-    return [experiment.cells[i] for i in distinct.tolist()], cell_indices, indices
 
 
 def write_columns(block: Block, float_layout: Layout, table: Table, row: int, steps: int) -> None:
@@ -151,23 +140,13 @@ def log_densities(
 
     The recorded observations are (n, steps, 6), and the actions (n, steps, 3).
     """
-    densities = np.empty(actions.shape[:2])
-    for start, end in blocks(experiment, first, stop):  # blocks limit the memory
-        rows = slice(start - first, end - first)
-        densities[rows] = _block_densities(
-            experiment, np.arange(start, end), observations[rows], actions[rows]
-        )
-    return densities
-
-
-def _block_densities(
-    experiment: Experiment, numbers: Ints, observations: Float32s, actions: Float32s
-) -> Floats:
-    """The log densities (n, steps) of the actions of the episodes of a block."""
-    episodes = episodes_of(experiment, numbers)
 
     def log_density(distribution: Distribution, actions: Float32s) -> tuple[Floats]:
         return (distribution.log_density(actions),)
 
-    [densities] = replay(episodes, observations, actions, log_density, actions)
+    densities = np.empty(actions.shape[:2])
+    for start, end in blocks(experiment, first, stop):  # blocks limit the memory
+        episodes, rows = episodes_of(experiment, np.arange(start, end)), slice(start - first, end - first)
+        [found] = replay(episodes, observations[rows], actions[rows], log_density, actions[rows])
+        densities[rows] = found
     return densities

@@ -1,4 +1,4 @@
-"""What is simulated: a scenario and its cells. The random numbers of an episode depend on its cell."""
+"""What is simulated: dynamics, a scenario and its cells, on which the random numbers of episodes depend."""
 
 from __future__ import annotations
 
@@ -7,20 +7,84 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from pydantic import field_validator
+from pydantic import AfterValidator, Field, Tag, create_model, field_validator
 
-from ibdata.dynamics import VARIANTS, Variant
-from ibdata.experiment.dynamics import Dynamics
-from ibdata.experiment.fields import Start
+from ibdata.arguments import native
+from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
+from ibdata.dynamics.variants import VariantError
+from ibdata.experiment.fields import (
+    WHOLE,
+    Drifting,
+    EpisodeCount,
+    Real,
+    Seed,
+    Setpoints,
+    Start,
+    StepCount,
+    by_type,
+    points_of,
+    repeated,
+)
 from ibdata.experiment.messages import refusals
-from ibdata.experiment.plain import plain
-from ibdata.experiment.setpoints import EpisodeCount, Seed, Setpoints, StepCount, repeated, setpoint_values
 from ibdata.policies import Policy
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.expert import Expert
 from ibdata.simulation.episodes import World
+
+
+class ReplacedFields(FrozenModel):
+    """Base of `CustomDynamics`, which adds an optional field for each field of `Variant`."""
+
+    base: Literal["siemens", "paper"]
+
+    def variant(self) -> Variant:
+        """The variant. Raises ValueError if its fields are invalid."""
+        options = {field.name: getattr(self, field.name) for field in dataclasses.fields(Variant)}
+        replacements = {name: value for name, value in options.items() if value is not None}
+        return dataclasses.replace(VARIANTS[self.base], **replacements)
+
+
+def _fitting(name: str) -> AfterValidator:
+    """A validator of one field, which applies the rules of `Variant`; each rule concerns one field."""
+
+    def check(value: Any) -> Any:
+        try:
+            dataclasses.replace(SIEMENS, **{name: value})
+        except VariantError as error:
+            raise ValueError(f"found {value}, expected it to {error.broken[name]}") from None
+        return value
+
+    return AfterValidator(check)
+
+
+def _strict(hint: Any) -> Any:
+    """The type of a field of `Variant`, with strict numbers as in the other models."""
+    if get_origin(hint) is tuple:
+        return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]  # known at run time
+    return {float: Real, int: Annotated[int, WHOLE, Field(strict=True)]}[hint]
+
+
+CustomDynamics = create_model(
+    "CustomDynamics",
+    __base__=ReplacedFields,
+    __doc__="A published variant with single fields replaced.",
+    **{
+        name: (
+            Annotated[_strict(hint), _fitting(name)] | None,
+            Field(
+                default=None, description=f"paper: {getattr(PAPER, name)}; siemens: {getattr(SIEMENS, name)}"
+            ),
+        )
+        for name, hint in get_type_hints(Variant).items()
+    },
+)  # type: ignore[call-overload]  # the fields are those of Variant, known at run time only
+
+Dynamics = Annotated[
+    Annotated[Literal["siemens", "paper"], Tag("<word>")] | Annotated[CustomDynamics, Tag("<mapping>")],
+    by_type("<word>", "<mapping>"),
+]
 
 
 class Scenario(FrozenModel):
@@ -46,12 +110,12 @@ class Scenario(FrozenModel):
     @cached_property
     def points(self) -> list[float]:
         """The setpoints. If they move, these are their first values."""
-        return setpoint_values(self.setpoint)[0]
+        return points_of(self.setpoint)
 
     @cached_property
     def drifting(self) -> bool:
         """Whether the setpoints move."""
-        return setpoint_values(self.setpoint)[1]
+        return self.setpoint == "drifting" or isinstance(self.setpoint, Drifting)
 
     @cached_property
     def world(self) -> World:
@@ -66,7 +130,10 @@ class Scenario(FrozenModel):
 
     def cells(self, policies: Iterable[tuple[str, Policy]]) -> tuple[Cell, ...]:
         """The cells of these policies and labels, ordered by policy and then by setpoint."""
-        dynamics = variant_form(self.base, self.variant)
+        published, fields = VARIANTS[self.base], dataclasses.fields(Variant)
+        options = {field.name: getattr(self.variant, field.name) for field in fields}
+        differing = {name: value for name, value in options.items() if value != getattr(published, name)}
+        dynamics = {"base": self.base, **differing} if differing else self.base
         return tuple(
             Cell(dynamics, setpoint, self.drifting, policy, label, self.start_form)
             for label, policy in policies
@@ -76,7 +143,7 @@ class Scenario(FrozenModel):
     @field_validator("setpoint")
     @classmethod
     def _once(cls, setpoint: Any) -> Any:
-        if problem := repeated(setpoint_values(setpoint)[0]):
+        if problem := repeated(points_of(setpoint)):
             raise ValueError(problem)
         return setpoint
 
@@ -93,7 +160,7 @@ def other_dynamics(policy: Policy, scenario: Scenario) -> Iterator[str]:
 
 def scenario_of(**settings: Any) -> Scenario:
     """Check the settings of a scenario. Raises ConfigError with a line `name: found, expected` for each."""
-    settings = plain(settings)
+    settings = native(settings)
     with refusals(settings, Scenario):
         return Scenario.model_validate(settings)
 
@@ -127,13 +194,3 @@ class Cell:
 def form_digest(form: Mapping[str, Any]) -> bytes:
     """SHA-256 (32 bytes) of a canonical form."""
     return hashlib.sha256(json.dumps(form, sort_keys=True).encode()).digest()
-
-
-def variant_form(base: str, variant: Variant) -> Any:
-    """The name `base`, with the fields in which the variant differs from the published one."""
-    differing = {
-        field.name: getattr(variant, field.name)
-        for field in dataclasses.fields(Variant)
-        if getattr(variant, field.name) != getattr(VARIANTS[base], field.name)
-    }
-    return {"base": base, **differing} if differing else base

@@ -1,19 +1,19 @@
-"""The experiments that come with ibdata, and the search for an experiment by path or name."""
+"""The experiments that come with ibdata: their list, and the search for one by path or name."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
+from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, suggestion
+from ibdata.numerics.naming import counted
 from ibdata.system.configs import root
 from ibdata.system.configs import shipped as shipped
 
-
-def shipped_name(path: Path | None) -> str | None:
-    """The name of a config that comes with ibdata; None for another file."""
-    return next((name for name, config in shipped().items() if config == path), None)
+MODELINE = "# yaml-language-server:"
 
 
 def suites() -> dict[str, Path]:
@@ -42,7 +42,8 @@ def find(config: str | os.PathLike[str]) -> Path:
             "files, each an experiment; ibdata init makes a first one"
         )
     if name not in known:
-        expected = suggestion(name, known) or f", expected a file or one of {', '.join(_short(known))}"
+        short = ", ".join(each for each in known if "/" not in each)
+        expected = suggestion(name, known) or f", expected a file or one of {short}"
         raise UsageError(f"config: found {os.fspath(config)!r}{expected}")
     return known[name]
 
@@ -61,6 +62,42 @@ def full_name(what: str, name: str, sets: Sequence[str]) -> str:
     raise UsageError(f"{what}: found {name!r}{expected}")
 
 
-def _short(names: Iterable[str]) -> list[str]:
-    """The shipped names, without those inside suites."""
-    return [name for name in names if "/" not in name]
+class Listed(NamedTuple):
+    """A shipped experiment, or a folder of them, whose name ends with /."""
+
+    name: str
+    rows: int
+    description: str
+
+
+class Catalogue(Tabular, list[Listed]):
+    """What comes with ibdata."""
+
+    def plain(self) -> dict[str, Any]:
+        """The entries as plain data for JSON."""
+        return {"configs": [entry._asdict() for entry in self]}
+
+    def tables(self) -> list[Table]:
+        """A row for each entry."""
+        return [Table(("config", "rows", ""), self)]
+
+
+def catalogue() -> Catalogue:
+    """The shipped experiments in order. A folder stands before its experiments."""
+    from ibdata.experiment import load  # which imports this module
+
+    experiments = [Listed(name, load(path).rows, description(path)) for name, path in shipped().items()]
+    entries = Catalogue(entry for entry in experiments if "/" not in entry.name)
+    for suite in suites():
+        members = [entry for entry in experiments if entry.name.startswith(f"{suite}/")]
+        rows = sum(member.rows for member in members)
+        summary = f"A folder of {counted(len(members), 'experiment')}."
+        entries += [Listed(f"{suite}/", rows, summary), *members]
+    return entries
+
+
+def description(path: Path) -> str:
+    """The first line of the comment at the top of an experiment file."""
+    with path.open(encoding="utf-8") as file:
+        comments = (line for line in file if line.startswith("#") and not line.startswith(MODELINE))
+        return next(comments, "").removeprefix("#").strip()

@@ -30,8 +30,7 @@ def transfer(
     2017 suggest a transfer from p = 50 to p = 75 and give no sizes.
     """
     known = setpoints(spec)
-    for setpoint in [*source, *target]:
-        _refuse_unknown(setpoint, known)
+    _refuse_unknown([*source, *target], known)
     if shared := set(source) & set(target):
         names = ", ".join(exact(setpoint) for setpoint in sorted(shared))
         raise UsageError(f"split: found {names} as source and target, expected different setpoints")
@@ -87,8 +86,9 @@ def leave_one_out(spec: DatasetSpec) -> Splits:
     folds: Splits = {}
     for test in known:
         train = [setpoint for setpoint in known if setpoint != test]
-        folds[f"train-{_suffix(test)}"] = Split(setpoint=train, overlap=True)
-        folds[f"test-{_suffix(test)}"] = Split(setpoint=[test], overlap=True)
+        name = exact(test).replace(".", "_")
+        folds[f"train-{name}"] = Split(setpoint=train, overlap=True)
+        folds[f"test-{name}"] = Split(setpoint=[test], overlap=True)
     return folds
 
 
@@ -119,8 +119,7 @@ def distance(spec: DatasetSpec, source: Sequence[float] = (), within: float | No
     if not source or within is None:
         raise UsageError("split: the scheme distance needs both --source and --within")
     known = setpoints(spec)
-    for setpoint in source:
-        _refuse_unknown(setpoint, known)
+    _refuse_unknown(source, known)
     candidates = [setpoint for setpoint in known if setpoint not in source]
     near = [setpoint for setpoint in candidates if min(abs(setpoint - p) for p in source) <= within]
     far = sorted(set(candidates) - set(near))
@@ -172,16 +171,12 @@ def setpoints(spec: DatasetSpec) -> list[float]:
     return sorted({cell.setpoint for experiment in spec.experiments for cell in experiment.cells})
 
 
-def _suffix(setpoint: float) -> str:
-    """The setpoint as the end of a split's name."""
-    return exact(setpoint).replace(".", "_")
-
-
-def _refuse_unknown(setpoint: float, known: Sequence[float]) -> None:
-    """Raise UsageError if a dataset lacks a setpoint."""
-    if setpoint not in known:
-        names = ", ".join(map(exact, known))
-        raise UsageError(f"split: found setpoint {exact(setpoint)}, expected one of {names}")
+def _refuse_unknown(given: Sequence[float], known: Sequence[float]) -> None:
+    """Raise UsageError if a dataset lacks one of the given setpoints."""
+    for setpoint in given:
+        if setpoint not in known:
+            names = ", ".join(map(exact, known))
+            raise UsageError(f"split: found setpoint {exact(setpoint)}, expected one of {names}")
 
 
 # By the name of the scheme, or of the property if it has only one scheme.

@@ -7,7 +7,7 @@ import os
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata.errors import IbdataError, UsageError
-from ibdata.experiment.setpoints import FileName
+from ibdata.experiment.fields import FileName
 from ibdata.numerics.naming import yaml_name
 from ibdata.system.storage import local
 

@@ -63,7 +63,7 @@ class Document:
         except (YAMLError, ValueError, RecursionError) as error:
             raise StrictYamlError(1, 1, f"not valid YAML: {str(error).splitlines()[0]}") from None
 
-    def place(self, loc: Loc, key: bool = False) -> Position:
+    def position(self, loc: Loc, key: bool = False) -> Position:
         """Return line and column of the value (or key) at a path, or of its nearest parent that exists."""
         if key and loc in self.keys:
             return self.keys[loc]
@@ -98,9 +98,8 @@ class Document:
             self.values[loc] = position
             return scalar(event.value) if event.style is None else event.value
         self.values[loc] = position
-        return self._list(loc) if isinstance(event, SequenceStartEvent) else self._mapping(loc)
-
-    def _list(self, loc: Loc) -> list[Any]:
+        if not isinstance(event, SequenceStartEvent):
+            return self._mapping(loc)
         items: list[Any] = []
         while not isinstance(event := next(self._events), CollectionEndEvent):
             items.append(self._value(event, (*loc, len(items))))

@@ -21,12 +21,11 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, notice
 from ibdata.experiment import as_yaml
-from ibdata.experiment.code import changed_here, live_objects, names_of
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.code import changed_here, names_of
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.record import Record
 from ibdata.numerics.naming import counted
-from ibdata.policies.live import without_runs
+from ibdata.policies.live import Live, without_runs
 from ibdata.system.files import keep_access, part_of, paths_in, remove, sync_all
 from ibdata.system.part import RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
 from ibdata.system.signals import ignore
@@ -146,7 +145,7 @@ class Build:
             except Interrupted as error:
                 if done := self.finished:
                     how = "the same command goes on"
-                    if live_objects(self.spec):
+                    if self.spec.policies_of(Live):
                         how = "with an object of this session as a policy, a run begins again"
                     error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; {how}"
                 raise

@@ -15,8 +15,9 @@ from ibdata.experiment import KEYS, Config, Overrides, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.experiment.shipped import is_suite
 from ibdata.generation.build import Build
-from ibdata.generation.generate import is_folder, places_of
+from ibdata.generation.generate import places_of
 from ibdata.generation.upload import refuse_overwrite
 from ibdata.numerics.naming import counted, size
 
@@ -81,14 +82,13 @@ def estimate(
     Raises:
         IbdataError: As in `generate`.
     """
-    experiments = load_all(config, overrides, seed)
-    for experiment in experiments:
-        require_consent(DatasetSpec.of(experiment), experiment.name, allow_code)
-    runs = [
-        _estimate(DatasetSpec.of(experiment), place, overwrite)
-        for experiment, place in zip(experiments, places_of(config, experiments, out), strict=True)
-    ]
-    if not is_folder(config):
+    path, experiments = load_all(config, overrides, seed)
+    specs = [DatasetSpec.of(experiment) for experiment in experiments]
+    for spec in specs:
+        require_consent(spec, spec.name, allow_code)
+    places = places_of(path, specs, out)
+    runs = [_estimate(spec, place, overwrite) for spec, place in zip(specs, places, strict=True)]
+    if path is None or not is_suite(path):
         return runs[0]
     total = {key: sum(run[key] for run in runs) for key in ("episodes", "rows", "shards", "bytes")}
     return Estimate({"out": str(Path(runs[0]["out"]).parent), **total, "experiments": runs})

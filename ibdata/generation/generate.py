@@ -8,7 +8,7 @@ twice, without harm: each file has a name of its own, and the last receipt count
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 from ibdata.arguments import public
 from ibdata.dataset.dataset import Dataset
 from ibdata.errors import UsageError, notice
-from ibdata.experiment import KEYS, Config, Experiment, Overrides, find, load_all
+from ibdata.experiment import KEYS, Config, Overrides, load_all
 from ibdata.experiment.code import require_consent
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
-from ibdata.experiment.shipped import is_suite, shipped_name
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
+from ibdata.experiment.shipped import is_suite, shipped
 from ibdata.generation import upload
 from ibdata.generation.build import Build, refuse_damage, refuse_name, size_in
 from ibdata.generation.process import Process, process_for
@@ -86,45 +85,42 @@ def generate(
     """
     run = select_engine(engine, workers, address)
     shard_range = None if shards is None else Range.parse(shards)
-    experiments, folder = load_all(config, overrides, seed), is_folder(config)
-    places = places_of(config, experiments, out)
+    path, experiments = load_all(config, overrides, seed)
+    folder = path is not None and is_suite(path)
+    specs = [DatasetSpec.of(experiment) for experiment in experiments]
+    places = places_of(path, specs, out)
     elsewhere = shard_range is not None or engine != "local"
-    for experiment in experiments:
-        require_consent(DatasetSpec.of(experiment), experiment.name, allow_code, again=elsewhere)
+    for spec in specs:
+        require_consent(spec, spec.name, allow_code, again=elsewhere)
     if shard_range is not None:
         if folder or overwrite:
             problem = "a folder of experiments" if folder else "--overwrite"
             raise UsageError(f"--shards: found {problem} too, but these cannot be combined")
-        return make_range(shard_range, experiments[0], places[0], run, Progress(progress))
+        return make_range(shard_range, specs[0], places[0], run, Progress(progress))
     if not folder:
-        return _generate_one(experiments[0], places[0], run, overwrite, Progress(progress))
-    for experiment, place in zip(experiments, places, strict=True):
-        Build(place, DatasetSpec.of(experiment), overwrite=overwrite).is_there()
+        return _generate_one(specs[0], places[0], run, overwrite, Progress(progress))
+    for spec, place in zip(specs, places, strict=True):
+        Build(place, spec, overwrite=overwrite).is_there()
     return {
-        Path(place).name: _generate_one(experiment, place, run, overwrite, Progress(progress))
-        for experiment, place in zip(experiments, places, strict=True)
+        Path(place).name: _generate_one(spec, place, run, overwrite, Progress(progress))
+        for spec, place in zip(specs, places, strict=True)
     }
 
 
-def is_folder(config: Config) -> bool:
-    """Whether a config is a folder of experiments."""
-    return not isinstance(config, Mapping | Experiment) and is_suite(find(config))
-
-
 def places_of(
-    config: Config, experiments: Sequence[Experiment], out: str | os.PathLike[str] | None
+    path: Path | None, specs: Sequence[DatasetSpec], out: str | os.PathLike[str] | None
 ) -> list[Path | str]:
-    """The folder or URL of each dataset: by default data/<name>, and data/<its path> for a shipped one.
+    """The folder or URL of each dataset of a file or folder: by default data/<name>, or data/<shipped path>.
 
     Raises UsageError if `out` cannot hold the datasets of a folder.
     """
     if out is not None:
         refuse_name(os.fspath(out).rstrip("/").split("/"), out)
-    path = None if isinstance(config, Mapping | Experiment) else find(config)
     if path is None or not is_suite(path):
         if out is not None:
             return [url_of(out) or Path(out)]
-        return [Path("data", shipped_name(path) or experiments[0].name)]
+        names: dict[Path | None, str] = {file: name for name, file in shipped().items()}
+        return [Path("data", names.get(path, specs[0].name))]
     if is_url(out):
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path("data", path.resolve().name) if out is None else Path(out)
@@ -134,11 +130,10 @@ def places_of(
 
 
 def _generate_one(
-    experiment: Experiment, place: Path | str, engine: Engine, overwrite: bool, progress: Progress
+    spec: DatasetSpec, place: Path | str, engine: Engine, overwrite: bool, progress: Progress
 ) -> Dataset:
-    spec = DatasetSpec.of(experiment)
     if isinstance(place, str):
-        remote, work = Remote(place), upload.work_folder(place, experiment)
+        remote, work = Remote(place), upload.work_folder(place, spec.experiments[0])
         if not upload.is_there(remote, spec, work, overwrite):
             upload.drop_damaged(work, spec)
             build = Build(work, spec, name=Path(remote.name))
@@ -231,7 +226,7 @@ class PartMade(NamedTuple):
 
 
 def make_range(
-    shard_range: Range, experiment: Experiment, place: Path | str, engine: Engine, progress: Progress
+    shard_range: Range, spec: DatasetSpec, place: Path | str, engine: Engine, progress: Progress
 ) -> PartMade:
     """Make one part of a dataset's shards; `finalize` finishes the dataset when all parts are made.
 
@@ -239,7 +234,6 @@ def make_range(
     """
     if isinstance(place, str):
         raise UsageError(f"{place}: found a URL with --shards, expected a folder that all hosts share")
-    spec = DatasetSpec.of(experiment)
     shards, missing = shard_range.of(spec.shards), 0
     build = Build(place, spec)
     if not build.is_there():

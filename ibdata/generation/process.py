@@ -20,10 +20,12 @@ from tempfile import TemporaryDirectory
 from traceback import format_exc
 from typing import Any, NamedTuple, Protocol
 
-from ibdata.errors import IbdataError
-from ibdata.experiment.code import announce, customs, live_objects, places_of, user_objects
+from ibdata.errors import IbdataError, notice
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.policies.code import Places, is_fresh
+from ibdata.policies.code import Places, is_fresh, two_places
+from ibdata.policies.custom import Custom
+from ibdata.policies.live import Live
+from ibdata.policies.user_object import UserObject
 from ibdata.system import processes
 from ibdata.system.signals import held
 
@@ -54,13 +56,14 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
     It is this process itself if there is no custom code, if a policy is a live object, or if it is that of a
     command; otherwise a new one.
     """
-    places = places_of(spec)
-    for custom in customs(spec):
+    places = two_places(spec.experiments[0].folder)
+    for custom in spec.policies_of(Custom):
         custom.look_in(places)
-    announce(spec)
-    if not user_objects(spec):
+    for target in dict.fromkeys(custom.target for custom in spec.policies_of(Custom)):
+        notice(f"running the code of {target}")
+    if not spec.policies_of(UserObject):
         yield Here(spec)
-    elif is_fresh() or live_objects(spec):
+    elif is_fresh() or spec.policies_of(Live):
         try:
             yield Here(spec)
         finally:
@@ -94,14 +97,14 @@ class WorkerTask(NamedTuple):
     @classmethod
     def of(cls, spec: DatasetSpec, root: Path | None) -> WorkerTask:
         """The task for a dataset, whose custom policies know where their code is looked for."""
-        policies = customs(spec)
+        policies = spec.policies_of(Custom)
         places = policies[0].places if policies else (Path.cwd(),)
         return cls(spec.plain(), spec.weights, places, root)
 
     def dataset_spec(self) -> DatasetSpec:
         """The specification of the dataset."""
         spec = DatasetSpec.from_plain(self.spec, self.weights)
-        for custom in customs(spec):
+        for custom in spec.policies_of(Custom):
             custom.look_in(self.places)
         return spec
 

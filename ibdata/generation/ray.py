@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any, cast
 
 from ibdata.errors import IbdataError, missing
-from ibdata.experiment.code import user_objects
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.process import WorkerTask
 from ibdata.generation.record import agree
 from ibdata.generation.workers import make_shard
+from ibdata.policies.user_object import UserObject
 from ibdata.system import processes
 from ibdata.system.progress import unseen
 from ibdata.system.signals import STOPPING, check
@@ -96,7 +95,7 @@ def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
 
 def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
     """Options that give a run with custom code workers that have imported none: those of an environment."""
-    if not user_objects(spec):
+    if not spec.policies_of(UserObject):
         return {}
     machine_code = str(root / f"numba-{secrets.token_hex(4)}")
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}

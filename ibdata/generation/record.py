@@ -16,11 +16,12 @@ from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, pa
 from ibdata.dataset.statistics import moments
 from ibdata.errors import UsageError, notice
 from ibdata.experiment import Experiment, self_check
-from ibdata.experiment.code import changed, live_objects, names_of, record, user_objects, user_objects_in
+from ibdata.experiment.code import changed, names_of, record, user_objects_in
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import rollout
 from ibdata.experiment.scenario import other_dynamics
-from ibdata.policies.user_object import refuse_shared
+from ibdata.policies.live import Live
+from ibdata.policies.user_object import UserObject, refuse_shared
 from ibdata.system.files import read_sealed, sealed, write
 from ibdata.system.part import NOTE
 from ibdata.system.signals import check
@@ -91,12 +92,12 @@ def observe(spec: DatasetSpec) -> Record:
     What a user should know about its policies is said on stderr.
     """
     code, answer = _code(spec), known_answer()
-    reproducible = self_check.is_right(answer) and not live_objects(spec)
+    reproducible = self_check.is_right(answer) and not spec.policies_of(Live)
     record = Record.of(spec, code=code, reproducible=reproducible, known_answer=answer)
-    if user_objects(spec):
+    if spec.policies_of(UserObject):
         for experiment in spec.experiments:
             _play_user_objects(experiment)
-    for user_object in user_objects(spec):
+    for user_object in spec.policies_of(UserObject):
         for note in user_object.notes():
             notice(f"{user_object.code_target}: {note}")
     for experiment in spec.experiments:
@@ -107,7 +108,7 @@ def observe(spec: DatasetSpec) -> Record:
 
 
 def _code(spec: DatasetSpec) -> list[Code]:
-    policies = user_objects(spec)
+    policies = spec.policies_of(UserObject)
     for policy in policies:
         policy.check_once()
     for experiment in spec.experiments:

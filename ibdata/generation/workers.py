@@ -12,11 +12,11 @@ from queue import SimpleQueue
 from typing import NamedTuple
 
 from ibdata.errors import UsageError
-from ibdata.experiment.code import customs, live_objects
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.process import Process, Progress, Worker
+from ibdata.policies.custom import Custom
+from ibdata.policies.live import Live
 from ibdata.system.processes import available_processors
 from ibdata.system.signals import check, held
 from ibdata.writing.columns import Piece, simulated
@@ -82,9 +82,9 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
         shards: The shards to make.
         workers: The number of processes; None chooses it by the work.
     """
-    if live_objects(spec):
+    if spec.policies_of(Live):
         return Division(1, 1)
-    processors, own_code = available_processors(), bool(customs(spec))
+    processors, own_code = available_processors(), bool(spec.policies_of(Custom))
     if workers is None:
         many = own_code or (processors > MOST_THREADS and spec.rows_in(shards) >= ROWS_WORTH_PROCESSES)
         workers = processors if many else 1

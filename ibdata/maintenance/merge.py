@@ -14,8 +14,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.maintenance.rewrite import Source, sources_of, write_dataset
-from ibdata.numerics.naming import counted, exact
-from ibdata.policies.base import NAME_PATTERN
+from ibdata.numerics.naming import NAME_PATTERN, counted, exact
 
 
 @public

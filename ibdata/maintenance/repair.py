@@ -11,8 +11,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment.code import require_consent
-from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec, spec_in
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard, declared_spec, spec_in
 from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
 from ibdata.generation.workers import refuse_workers, run

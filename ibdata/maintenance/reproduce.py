@@ -11,8 +11,7 @@ from ibdata.dataset.models import Manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, notice
 from ibdata.experiment.code import changed_here, consented_spec, names_of
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
 from ibdata.system.storage import existing, local

@@ -13,8 +13,7 @@ from ibdata.dataset.dataset import Dataset
 from ibdata.errors import BusyError, DatasetError, IbdataError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard, spec_in
 from ibdata.generation.build import Build
 from ibdata.generation.record import Record
 from ibdata.system.files import write
@@ -78,7 +77,7 @@ def _copy(build: Build, shard: Shard, source: Source) -> None:
 def _pieces(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[Piece]:
     """Read the float columns of a shard's episodes from the files of the source that hold them."""
     try:
-        yield from stored_pieces(spec, shard, _batches(spec.of_shard(shard), shard, source))
+        yield from stored_pieces(spec, shard, _batches(spec.experiments[shard.experiment], shard, source))
     except ValueError as error:
         if isinstance(error, IbdataError):
             raise

@@ -14,7 +14,7 @@ from ibdata.dataset.dataset import Dataset, Place, to_write
 from ibdata.errors import UsageError, meant
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.experiment.setpoints import SplitName
+from ibdata.experiment.fields import SplitName
 from ibdata.experiment.split_schemes import Splits
 from ibdata.maintenance.rewrite import relabel, sources_of, write_dataset
 from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES, refuse_unused

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
+from ibdata.numerics.naming import NAME_PATTERN
 from ibdata.policies.distributions import Distribution
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Steps = npt.NDArray[np.int64]
 
-NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 
 # Columns of an observation vector, in the order of the published IB data.

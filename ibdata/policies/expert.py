@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import Field
 
 from ibdata.dynamics.fatigue import (
-    AMPLIFICATION_START,
     TOLERANCE,
     basic_fatigue,
     effective_gain,
@@ -37,6 +36,7 @@ from ibdata.policies.base import (
     Observed,
     Steps,
 )
+from ibdata.variables import AMPLIFICATION_START
 
 FILE = Path(__file__).with_name("expert.json")  # made by studies/expert
 # Columns of a table: the setpoint, the velocity to aim at, and the best gains at velocities 0, 5 … 100.

@@ -19,8 +19,7 @@ from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard, spec_in
 from ibdata.experiment.yaml import Document
 from ibdata.system.progress import Advance, unseen
 from ibdata.system.storage import Storage, reason
@@ -53,7 +52,7 @@ def check_shard(
     Returns:
         The summary of the rows, or None if they break a rule or cannot be read; and the problems.
     """
-    experiment, summarizer = spec.of_shard(shard), ShardSummarizer(spec, shard)
+    experiment, summarizer = spec.experiments[shard.experiment], ShardSummarizer(spec, shard)
     broken: list[tuple[str, Broken]] = []
     try:
         schema, rows = parquet.described(files, path)

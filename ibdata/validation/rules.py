@@ -16,7 +16,7 @@ from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import Shard
 from ibdata.experiment.rollout import log_densities
 from ibdata.writing.columns import index_columns, policy_numbers
 

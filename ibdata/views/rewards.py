@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, suggestion
+from ibdata.variables import AMPLIFICATION_START
 
 Float32s = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 COSTS = ("consumption", "fatigue")
 REWARD_KINDS = ("classic", "delta")
-RUNAWAY = 1.2  # from which μ grows by itself, Eq. (23) of Hein et al. (2017)
 COST_KINDS = ("fatigue", "runaway")
 COST_EXPECTED = "{fatigue: 60}, runaway, or a mapping with a budget too, such as {fatigue: 60, budget: 25}"
 
@@ -103,7 +103,7 @@ class Cost:
     """
 
     kind: str
-    limit: float = RUNAWAY
+    limit: float = AMPLIFICATION_START
     budget: float = 0.0
 
     @property

@@ -11,10 +11,10 @@ from ibdata.dataset.returns import averages, behaviour_returns
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import column_texts
 from ibdata.errors import printable
-from ibdata.experiment.code import live_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.measures import MEANING, Quality, ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
+from ibdata.policies.live import Live
 from ibdata.version import __version__
 from ibdata.writing.metadata import info, splits
 
@@ -220,7 +220,7 @@ def _columns(described: Info) -> Iterator[str]:
 
 def how_to_make_again(spec: DatasetSpec) -> list[str]:
     """The lines that say how to make a dataset again, if that can be done."""
-    live = [live_object.code_target for live_object in live_objects(spec)]
+    live = [live_object.code_target for live_object in spec.policies_of(Live)]
     if live:
         names = ", ".join(f"`{target}`" for target in dict.fromkeys(live))
         return [f"Nobody can make it again: a policy was an object of a Python session, {names}."]

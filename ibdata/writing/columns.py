@@ -17,8 +17,7 @@ from ibdata.dataset.digest import Values, episode_digests, text
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column, columns, layout
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import Columns, TableBuffer, parts, rollout
 
 ROW_GROUP_ROWS = 100_000
@@ -75,7 +74,7 @@ class Piece(NamedTuple):
 
 def simulated(spec: DatasetSpec, shard: Shard, memory: TableBuffer | None = None) -> Iterator[Piece]:
     """Simulate a shard piece by piece. With `memory`, a piece is gone when the next one is made."""
-    experiment = spec.of_shard(shard)
+    experiment = spec.experiments[shard.experiment]
     for first, stop in parts(experiment, shard.first, shard.stop):
         floats = rollout(experiment, first, stop, memory)
         yield Piece(experiment, shard._replace(first=first, stop=stop), floats)
@@ -97,7 +96,7 @@ def stored_pieces(
     Raises:
         DatasetError: There are fewer rows than the shard has.
     """
-    experiment, source = spec.of_shard(shard), iter(batches)
+    experiment, source = spec.experiments[shard.experiment], iter(batches)
     names, rest = layout(experiment).names, pa.record_batch({})
     if most is None:
         cuts = parts(experiment, shard.first, shard.stop)

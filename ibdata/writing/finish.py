@@ -25,10 +25,9 @@ from ibdata.dataset.models import Code, File, Manifest, ShardEntry
 from ibdata.dataset.stored import EPISODES, INFO, STATISTICS
 from ibdata.errors import DatasetError
 from ibdata.experiment import as_yaml
-from ibdata.experiment.code import user_objects
 from ibdata.experiment.columns import columns
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
+from ibdata.policies.user_object import UserObject
 from ibdata.system.files import FileEntry, write_new
 from ibdata.version import __version__
 from ibdata.writing import metadata
@@ -151,9 +150,10 @@ def root_of(spec: DatasetSpec, shards: Iterable[tuple[Shard, list[bytes]]]) -> s
     """The content root of all shards in order, each with the digests of its episodes."""
     addresses = []
     for shard, digests in shards:
-        experiment = spec.of_shard(shard)
+        experiment = spec.experiments[shard.experiment]
         for i, digest in enumerate(digests, shard.first):
-            addresses.append((experiment.cell_of(i).digest, i % experiment.episodes, digest))
+            cell, index = divmod(i, experiment.episodes)
+            addresses.append((experiment.cells[cell].digest, index, digest))
     return content_root(((c.name, c.dtype) for c in columns(spec.experiments[0])), addresses)
 
 
@@ -174,7 +174,7 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
         ("experiments", {"shards": shards}, {"shards": expected_shards}),
         ("rows", listed.rows, spec.rows),
         ("files", sorted(files), sorted(expected_files)),
-        ("code", targets, list(dict.fromkeys(policy.code_target for policy in user_objects(spec)))),
+        ("code", targets, list(dict.fromkeys(policy.code_target for policy in spec.policies_of(UserObject)))),
     ):
         if message := first_difference(found, expected):
             yield rule, message

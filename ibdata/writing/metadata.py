@@ -14,8 +14,7 @@ from ibdata.dataset.models import Column, Counts, Info, JsonObject, SplitEntry, 
 from ibdata.dataset.statistics import described, merged
 from ibdata.dataset.stored import episode_schema
 from ibdata.experiment.columns import columns, layout
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import acting_in
 from ibdata.simulation.episodes import Ints
 from ibdata.writing.columns import arrow_array, arrow_strings, arrow_texts
@@ -44,7 +43,10 @@ def info(spec: DatasetSpec) -> Info:
             cells=len({cell.digest for e in spec.experiments for cell in e.cells}),
             shards=len(spec.shards),
         ),
-        columns=[Column(**c.form()) for c in columns(spec.experiments[0])],
+        columns=[
+            Column(**{name: getattr(column, name) for name in Column.model_fields})
+            for column in columns(spec.experiments[0])
+        ],
     )
 
 
@@ -79,14 +81,14 @@ def splits_file(spec: DatasetSpec) -> bytes:
 def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
     """The table of episodes, with one row per episode."""
     shards = [w.shard for w in written]
-    experiments = [spec.of_shard(shard) for shard in shards]
+    experiments = [spec.experiments[shard.experiment] for shard in shards]
     numbers = [np.arange(shard.first, shard.stop) for shard in shards]
     counts = [len(of_shard) for of_shard in numbers]
     cells = [cell for experiment in spec.experiments for cell in experiment.cells]
     first_cells = np.cumsum([0, *(len(experiment.cells) for experiment in spec.experiments)])
     cell_numbers, indices = [], []
     for shard, of_shard in zip(shards, numbers, strict=True):
-        cell_number, index = np.divmod(of_shard, spec.of_shard(shard).episodes)
+        cell_number, index = np.divmod(of_shard, spec.experiments[shard.experiment].episodes)
         cell_numbers.append(first_cells[shard.experiment] + cell_number)
         indices.append(index)
     cell_of = np.concatenate(cell_numbers)
@@ -126,7 +128,7 @@ def _acting(spec: DatasetSpec, shards: list[Shard]) -> pa.DictionaryArray:
     known: dict[str, int] = {}
     numbers = []
     for shard in shards:
-        names, acting = acting_in(spec.of_shard(shard), np.arange(shard.first, shard.stop))
+        names, acting = acting_in(spec.experiments[shard.experiment], np.arange(shard.first, shard.stop))
         distinct, indices = np.unique(acting, return_inverse=True)
         known_numbers = [known.setdefault(names[i], len(known)) for i in distinct.tolist()]
         numbers.append(np.array(known_numbers, dtype=np.int32)[indices])

@@ -25,8 +25,7 @@ import pyarrow.parquet as pq
 from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
 from ibdata.experiment.columns import columns, layout
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import Shard
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.simulation.variables import Table
 from ibdata.system.files import FileEntry, file_sha256, new_file, read_sealed, sealed, write_new
 from ibdata.system.part import RECEIPTS
@@ -60,7 +59,7 @@ class ShardSummarizer:
     """Summarizes a shard whose pieces are added in order."""
 
     def __init__(self, spec: DatasetSpec, shard: Shard) -> None:
-        self.shard, self.experiment = shard, spec.of_shard(shard)
+        self.shard, self.experiment = shard, spec.experiments[shard.experiment]
         rows = (shard.stop - shard.first) * self.experiment.steps
         self._statistics = RowStatistics(rows, self.experiment.rows)
         self._digests: list[bytes] = []
@@ -114,7 +113,8 @@ def write_shard(
         IbdataError: A value is not finite.
         OSError: The file could not be written.
     """
-    path, described = f"{shard.stem}-{secrets.token_hex(4)}.parquet", columns(spec.of_shard(shard))
+    path = f"{shard.stem}-{secrets.token_hex(4)}.parquet"
+    described = columns(spec.experiments[shard.experiment])
     summarizer = ShardSummarizer(spec, shard)
     with (
         new_file(folder / path) as file,

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 
 from ibdata.dataset.statistics import moments
 from ibdata.experiment.columns import columns
-from ibdata.experiment.plan import plan
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import rollout
 from ibdata.writing.columns import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
 from measuring.timing import MILLION, Row, described, paired
@@ -17,7 +17,7 @@ from measuring.timing import MILLION, Row, described, paired
 def stages() -> list[Row]:
     """The time of each stage from the simulation to a file on the disk, in ns per transition."""
     experiment = described(MILLION)
-    (shard,) = plan(experiment)
+    (shard,) = DatasetSpec.of(experiment).shards
     piece = Piece(experiment, shard, rollout(experiment, 0, shard.stop))
     rows = piece.arrow_table()
     kinds = columns(experiment)

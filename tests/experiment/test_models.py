@@ -18,7 +18,7 @@ import pytest
 from ibdata.dynamics import PAPER, SIEMENS, Variant
 from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.setpoints import repeated
+from ibdata.experiment.fields import repeated
 
 RANDOM = {"kind": "random"}
 SAFE = {"kind": "safe"}

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.plan import plan
 
 POLICIES = [{"kind": "random"}, {"kind": "safe"}, {"kind": "constant", "name": "still"}]
 LABELS = ["random", "safe", "still"]
@@ -72,7 +71,7 @@ def splits_of(made, episode):
 @given(experiments())
 def test_a_plan_holds_every_episode_once_in_full_shards(made):
     """A shard ends only where it is full or the splits change."""
-    shards = plan(made)
+    shards = DatasetSpec.of(made).shards
     episodes = [episode for shard in shards for episode in range(shard.first, shard.stop)]
     assert episodes == list(range(made.rows // made.steps))
     assert [shard.stem for shard in shards] == [f"data/part-{i:05d}" for i in range(len(shards))]
@@ -115,7 +114,7 @@ PLANS = {
 
 @pytest.mark.parametrize(("fields", "shards"), PLANS.values(), ids=PLANS)
 def test_a_plan_by_hand(fields, shards):
-    found = plan(experiment(**fields))
+    found = DatasetSpec.of(experiment(**fields)).shards
     assert [(shard.first, shard.stop, " ".join(shard.splits)) for shard in found] == shards
 
 

@@ -12,7 +12,7 @@ from helpers import ROOT
 import ibdata
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import find, load, load_all, shipped, suites
-from ibdata.experiment.catalogue import catalogue, description
+from ibdata.experiment.shipped import catalogue, description
 from ibdata.policies.weights_file import SHIPPED
 
 TEXT = "name: {name}\nsetpoints: 70\npolicies: [{{kind: random}}]\n"
@@ -45,7 +45,7 @@ def test_a_suite_and_its_files_are_shipped_by_name():
     assert find("siemens-offline") == find("siemens-offline/") == suites()["siemens-offline"]
     assert find("siemens-offline/bad-20.yaml") == shipped()["siemens-offline/bad-20"]
     assert load("siemens-offline/bad-20").name == "siemens-offline-bad-20"
-    assert len(load_all("siemens-offline")) == 16
+    assert len(load_all("siemens-offline")[1]) == 16
 
 
 def test_the_name_of_a_folder_without_experiments_is_free():
@@ -56,9 +56,10 @@ def test_the_name_of_a_folder_without_experiments_is_free():
 
 
 def test_a_folder_is_loaded_in_the_order_of_its_files(folder):
-    assert [experiment.name for experiment in load_all(folder)] == ["second", "first"]
-    assert load_all(folder / "a.yaml") == [load(folder / "a.yaml")]
-    made = load_all(folder, ["steps=3"], seed=4)
+    path, made = load_all(folder)
+    assert (path, [experiment.name for experiment in made]) == (folder, ["second", "first"])
+    assert load_all(folder / "a.yaml") == (folder / "a.yaml", [load(folder / "a.yaml")])
+    _, made = load_all(folder, ["steps=3"], seed=4)
     assert [(experiment.steps, experiment.seed) for experiment in made] == [(3, 4)] * 2
 
 
@@ -136,7 +137,7 @@ def episodes_of(made):
 
 
 def test_the_siemens_sets_are_the_baselines_at_five_levels():
-    sets = {each.name.removeprefix("siemens-offline-"): each for each in load_all("siemens-offline")}
+    sets = {each.name.removeprefix("siemens-offline-"): each for each in load_all("siemens-offline")[1]}
     baselines = ("bad", "mediocre", "optimized")
     assert list(sets) == sorted([*(f"{b}-{e}" for b in baselines for e in (0, 20, 40, 60, 80)), "global-100"])
     for name, made in sets.items():
@@ -172,13 +173,13 @@ def test_the_experiments_of_papers_have_their_sizes():
     ],
 )
 def test_every_set_of_a_suite_has_its_size(suite, sizes):
-    rows = [each.rows for each in load_all(suite)]
+    rows = [each.rows for each in load_all(suite)[1]]
     assert {size: rows.count(size) for size in rows} == sizes
     assert not suite.startswith("d4rl") or load(f"{suite}/medium-expert").rows == 2_000_000
 
 
 def test_setpoints_apart_are_those_of_the_protocol():
-    sets = load_all("setpoints")
+    _, sets = load_all("setpoints")
     assert [made.labels for made in sets] == [("expert",), ("random",)]
     for made in sets:
         assert [cell.setpoint for cell in made.cells] == [5.0 * i for i in range(21)]

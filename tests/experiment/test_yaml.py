@@ -104,11 +104,11 @@ def test_keys_and_values_have_their_places_from_1():
 
 def test_a_path_has_the_place_of_its_nearest_parent():
     document = Document("a: 1\nb:\n  c: [x]\n")
-    assert document.place(("b", "c")) == (3, 6)
-    assert document.place(("b", "c"), key=True) == (3, 3)
-    assert document.place(("b", "c", 7, "d")) == (3, 6)
-    assert document.place(("z", "y"), key=True) == (1, 1)
-    assert Document("").place(("a",)) == (1, 1)
+    assert document.position(("b", "c")) == (3, 6)
+    assert document.position(("b", "c"), key=True) == (3, 3)
+    assert document.position(("b", "c", 7, "d")) == (3, 6)
+    assert document.position(("z", "y"), key=True) == (1, 1)
+    assert Document("").position(("a",)) == (1, 1)
 
 
 @pytest.mark.parametrize("text", ["a:\n  b:\nc: 1\n", "a:\n  b: # nothing\n\n\nc: 1\n", "a:\n  b:"])

@@ -15,13 +15,15 @@ from ibdata import IbdataError
 from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import self_check
-from ibdata.experiment.plan import plan
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import workers
 from ibdata.generation.build import Build
 from ibdata.generation.generate import PartMade, Range
 from ibdata.maintenance.listing import datasets_in
 from ibdata.system import part as parts
 from ibdata.system.part import Part
+
+SHARDS = DatasetSpec.of(TEN).shards
 
 
 @pytest.fixture(autouse=True)
@@ -83,7 +85,7 @@ def test_options_for_the_whole_are_refused(capsys, config, more, found):
 
 @pytest.mark.parametrize("n", [1, 3, 7, 13])
 def test_ranges_divide_the_shards_evenly(n):
-    shards = plan(TEN)
+    shards = SHARDS
     own = [Range(i + 1, n).of(shards) for i in range(n)]
     assert [shard for each in own for shard in each] == shards
     assert {len(each) for each in own} <= {10 // n, -(-10 // n)}
@@ -94,7 +96,7 @@ def test_ranges_in_any_order_make_one_dataset(plain, files, monkeypatch, order):
     """Also such that overlap or hold no shard; what is made once is not made again."""
     made = make(*order)
     assert (made[-1].missing, made[0].folder) == (0, Path("out"))
-    assert [each.shards for each in made] == [len(Range.parse(text).of(plan(TEN))) for text in order]
+    assert [each.shards for each in made] == [len(Range.parse(text).of(SHARDS)) for text in order]
     assert not Path("out").exists()
     monkeypatch.setattr("ibdata.generation.workers.make_shard", None)
     assert make(*order)[0].rows == made[0].rows
@@ -111,7 +113,7 @@ def test_ranges_that_meet_in_a_shard_both_succeed(plain, files, interleaved, fir
     interleaved(lambda: others.extend(make(second)), after)
     (one,) = make(first)
     (other,) = others
-    assert {one.shards, other.shards} == {len(Range.parse(text).of(plan(TEN))) for text in (first, second)}
+    assert {one.shards, other.shards} == {len(Range.parse(text).of(SHARDS)) for text in (first, second)}
     make("2/2")
     assert len(list((run_of("out") / "dataset/data").iterdir())) > 10
     assert ibdata.finalize("out").content_root == plain.content_root

@@ -18,7 +18,6 @@ from ibdata import Experiment, IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import workers
 from ibdata.generation.process import Worker
-from ibdata.policies.custom import Custom
 
 slow = pytest.mark.slow  # a process starts in more than a second
 
@@ -37,8 +36,8 @@ slow = pytest.mark.slow  # a process starts in more than a second
 def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked, custom, expected):
     """Processes and threads follow from rows, processors, --workers and whether policies are custom."""
     monkeypatch.setattr(workers, "available_processors", lambda: processors)
-    monkeypatch.setattr(workers, "customs", lambda spec: [Custom(target="mine:Mine")] * custom)
-    plain = {"name": "x", "setpoints": 70, "policies": ["random"], "episodes": rows // 1000}
+    policies = [{"kind": "custom", "target": "mine:Mine"} if custom else "random"]
+    plain = {"name": "x", "setpoints": 70, "policies": policies, "episodes": rows // 1000}
     spec = DatasetSpec.of(Experiment.model_validate(plain))
     assert workers.divide(spec, spec.shards, asked) == expected
 

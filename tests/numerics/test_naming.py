@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 from ibdata.dataset.statistics import moments
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.setpoints import SplitName
+from ibdata.experiment.fields import SplitName
 from ibdata.experiment.split_schemes import leave_one_out
 from ibdata.numerics.naming import exact, yaml_name
 from ibdata.system.files import FileEntry

@@ -24,7 +24,6 @@ from ibdata.dynamics import SIEMENS, Noise
 from ibdata.dynamics.fatigue import (
     ALPHA_MEAN,
     ALPHA_SD,
-    AMPLIFICATION_START,
     TOLERANCE,
     bernoulli,
     squashed_exponential,
@@ -38,6 +37,7 @@ from ibdata.dynamics.noise import (
 )
 from ibdata.experiment.rollout import rollout
 from ibdata.numerics.random import Purpose, integers, stream_key
+from ibdata.variables import AMPLIFICATION_START
 
 MILLION = 1_000_000
 SETPOINTS, STEPS = tuple(range(10, 101, 10)), 1000

@@ -94,4 +94,4 @@ def test_a_run_goes_on_among_litter(tmp_path, monkeypatch):
 def test_a_folder_of_experiments_holds_no_more_of_them(tmp_path):
     (tmp_path / "a.yaml").write_text("{name: a, setpoints: 70, policies: [random]}")
     (tmp_path / "._a.yaml").write_bytes(b"\0\5\x16\7 Mac OS X")
-    assert [experiment.name for experiment in ibdata.experiment.load_all(tmp_path)] == ["a"]
+    assert [experiment.name for experiment in ibdata.experiment.load_all(tmp_path)[1]] == ["a"]

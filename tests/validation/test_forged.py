@@ -35,7 +35,7 @@ def edit(path, change):
 
 def summary_of(spec, shard, folder, path):
     """The summary of the rows of a shard's file."""
-    experiment = spec.of_shard(shard)
+    experiment = spec.experiments[shard.experiment]
     rows = (shard.stop - shard.first) * experiment.steps
     batches = parquet.batches(Storage(folder), path, layout(experiment).names, 65_536, rows)
     summarizer = ShardSummarizer(spec, shard)
