@@ -16,7 +16,7 @@ from ibdata.experiment.code import user_objects_in
 from ibdata.policies import Observed, Policy, purity
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
-from ibdata.policies.checked import AnswerError, CheckedPolicy
+from ibdata.policies.checked import AnswerError, ask, raise_placed
 from ibdata.policies.distributions import Distribution
 
 ROWS = 256
@@ -84,8 +84,10 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
 
 
 def _distribution(policy: Policy, observed: Observed) -> tuple[Distribution, Floats]:
-    checked = CheckedPolicy(policy, policy.label, np.empty(0, dtype=np.int64))
-    return checked.ask(observed, lambda distribution: distribution)
+    try:
+        return ask(policy, observed)
+    except BaseException as error:
+        raise_placed(error, policy.label, observed)
 
 
 def _check_decision(policy: Policy, observed: Observed) -> None:

@@ -9,7 +9,7 @@ from helpers.policies import distribution, played, playing
 from ibdata.experiment import Experiment
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
-from ibdata.policies.checked import distribution_of
+from ibdata.policies.checked import ask
 
 Sticky, Mixture, Schedule = (POLICIES[kind] for kind in ("sticky", "mixture", "schedule"))
 UP = {"kind": "constant", "action": [0.5, 0.5, 0.5]}
@@ -81,7 +81,7 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
             own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(
                 alone.needs
             )
-            one, memory = distribution_of(alone, own)
+            one, memory = ask(alone, own)
             np.testing.assert_array_equal(action[mine], applied(one.sample(own.uniforms))[mine])
             density, found = one.log_density(action), distribution(mixture, given).log_density(action)
             np.testing.assert_array_equal(found[mine], density[mine])
