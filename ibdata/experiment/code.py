@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib.metadata
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,7 +18,6 @@ from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, notice, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.policies import Policy
 from ibdata.policies.code import (
     Places,
     file_of,
@@ -38,12 +37,7 @@ OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the module
 def user_objects(spec: DatasetSpec) -> list[UserObject]:
     """Return every policy of a dataset that acts through a user's object, including parts of others."""
     policies = (policy for experiment in spec.experiments for policy in experiment.policies)
-    return [part for policy in policies for part in user_objects_in(policy)]
-
-
-def user_objects_in(policy: Policy) -> Iterator[UserObject]:
-    """Yield the users' objects among a policy and its parts."""
-    return (part for part in policy.everywhere() if isinstance(part, UserObject))
+    return [part for policy in policies for part in policy.everywhere(UserObject)]
 
 
 def customs(spec: DatasetSpec) -> list[Custom]:

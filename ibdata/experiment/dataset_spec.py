@@ -112,8 +112,8 @@ class DatasetSpec:
     def weights(self) -> dict[str, bytes]:
         """The contents of the weights files of all networks, by their names in a dataset."""
         policies = (policy for experiment in self.experiments for policy in experiment.policies)
-        parts = (part for policy in policies for part in policy.everywhere())
-        return {part.file: part.weights.data for part in parts if isinstance(part, Network)}
+        networks = (network for policy in policies for network in policy.everywhere(Network))
+        return {network.file: network.weights.data for network in networks}
 
     def of_shard(self, shard: Shard) -> Experiment:
         """The experiment that a shard belongs to."""

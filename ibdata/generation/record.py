@@ -16,11 +16,11 @@ from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, pa
 from ibdata.dataset.statistics import moments
 from ibdata.errors import UsageError, notice
 from ibdata.experiment import Experiment, self_check
-from ibdata.experiment.code import changed, live_objects, names_of, record, user_objects, user_objects_in
+from ibdata.experiment.code import changed, live_objects, names_of, record, user_objects
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import rollout
 from ibdata.experiment.scenario import other_dynamics
-from ibdata.policies.user_object import refuse_shared
+from ibdata.policies.user_object import UserObject, refuse_shared
 from ibdata.system.files import read_sealed, sealed, write
 from ibdata.system.part import NOTE
 from ibdata.system.signals import check
@@ -146,7 +146,7 @@ def _play_user_objects(experiment: Experiment) -> None:
     small = experiment.part(steps=min(experiment.steps, STEPS), episodes=1)
     per_policy = small.episodes_per_policy
     for number, policy in enumerate(small.policies):
-        if any(user_objects_in(policy)):
+        if any(policy.everywhere(UserObject)):
             rollout(small, number * per_policy, number * per_policy + min(per_policy, SETPOINTS))
 
 

@@ -77,11 +77,6 @@ class Wrapper(Policy):
             base.memory + further.memory,
         )
 
-    @property
-    def inner(self) -> tuple[Policy, ...]:
-        """The base."""
-        return (self.base,)
-
     def beyond_base(self, observed: Observed) -> Observed:
         """The random numbers and the memory that the base does not use."""
         base = self.base.needs
@@ -212,11 +207,6 @@ class PolicyMixture(Choice):
     )
 
     @property
-    def inner(self) -> tuple[Policy, ...]:
-        """The policies."""
-        return tuple(self.bases)
-
-    @property
     def members(self) -> list[str]:
         """The kinds of the policies; of equal ones, the later get -2, -3, …"""
         return unequal([base.kind for base in self.bases])
@@ -270,11 +260,6 @@ class Schedule(Choice):
     stages: Annotated[list[Stage], Field(min_length=1, max_length=100)] = Field(
         description="the stages in order"
     )
-
-    @property
-    def inner(self) -> tuple[Policy, ...]:
-        """The policies of the stages."""
-        return tuple(stage.base for stage in self.stages)
 
     @property
     def explores(self) -> bool:

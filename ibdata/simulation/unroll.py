@@ -17,6 +17,7 @@ from ibdata.numerics.random import Purpose
 from ibdata.policies import Observed
 from ibdata.policies.actions import read_only
 from ibdata.policies.checked import act, ask, raise_placed
+from ibdata.policies.user_object import UserObject
 from ibdata.simulation.carry import Carry
 from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
 
@@ -75,8 +76,8 @@ def unroll(
     n, world, needs = len(episodes), episodes.world, episodes.policy.needs
     recorded_steps = 0 if recorded is None else len(recorded)
     record = np.empty((len(rows), min(BLOCK, steps) + 1, n))
-    parts = episodes.policy.everywhere()
-    remembers = needs.memory > 0 or any(part.remembers for part in parts)
+    objects = episodes.policy.everywhere(UserObject)
+    remembers = needs.memory > 0 or any(part.remembers for part in objects)
     actions, unplayed = np.empty((2, min(BLOCK, steps), n, 3), dtype=np.float32)
     log_density = np.zeros(actions.shape[:2])
     record[:, 0] = carry.state.values[rows] + 0.0

@@ -102,6 +102,14 @@ def test_its_form_is_what_differs_from_defaults(block):
 
 
 @blocks
+def test_policies_are_equal_by_class_and_options_also_when_one_has_acted(block):
+    policy = policy_of(block)
+    list(playing(policy, 2, 2))
+    assert policy == policy_of(block)
+    assert policy != policy.model_copy(update={"name": "mine"})
+
+
+@blocks
 def test_arrays_that_cannot_be_written_are_enough(block):
     policy = policy_of(block)
     given, action = list(playing(policy, 20, 4))[3]
