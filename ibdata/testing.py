@@ -12,12 +12,12 @@ import numpy.typing as npt
 from ibdata.arguments import public
 from ibdata.errors import PolicyError
 from ibdata.evaluation.policies import loaded, policy_of
-from ibdata.experiment.code import user_objects_in
 from ibdata.policies import Observed, Policy, purity
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
-from ibdata.policies.checked import AnswerError, CheckedPolicy
+from ibdata.policies.checked import AnswerError, ask, raise_placed
 from ibdata.policies.distributions import Distribution
+from ibdata.policies.user_object import UserObject
 
 ROWS = 256
 LATER = 5  # a step at which the policy is checked again
@@ -68,10 +68,10 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
     """
     policy = policy_of(policy, history)
     with loaded([policy]):
-        if not any(user_objects_in(policy)):  # of which `loaded` has made sure
+        if not any(policy.everywhere(UserObject)):  # of which `loaded` has made sure
             purity.refuse_impure(policy, exact=True)
         seen = purity.histories(ROWS, policy.needs.history) if histories is None else histories
-        in_order = any(part.remembers for part in user_objects_in(policy))
+        in_order = any(part.remembers for part in policy.everywhere(UserObject))
         for observed, actions in list(purity.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
             try:
                 _check_decision(policy, observed)
@@ -84,12 +84,14 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
 
 
 def _distribution(policy: Policy, observed: Observed) -> tuple[Distribution, Floats]:
-    checked = CheckedPolicy(policy, policy.label, np.empty(0, dtype=np.int64))
-    return checked.ask(observed, lambda distribution: distribution)
+    try:
+        return ask(policy, observed)
+    except BaseException as error:
+        raise_placed(error, policy.label, observed)
 
 
 def _check_decision(policy: Policy, observed: Observed) -> None:
-    if any(user_objects_in(policy)):
+    if any(policy.everywhere(UserObject)):
         return  # an object gets copies, and returns them
     seen = observed.apply(np.copy)
     distribution, memory = _distribution(policy, seen)

@@ -135,7 +135,7 @@ def _refuse_unseen(policies: Mapping[str, Policy]) -> None:
             "variables; leave it out, or give a function, a module or an object"
         )
     for label, policy in policies.items():
-        if not isinstance(policy, Live) and any(isinstance(part, Live) for part in policy.everywhere()):
+        if not isinstance(policy, Live) and any(policy.everywhere(Live)):
             raise UsageError(
                 f"view: found {label}, an object within a policy of ibdata, which would see the six observed "
                 "variables; evaluate it without the view, or write an object that does what both do"

@@ -19,8 +19,9 @@ from ibdata.evaluation.overlap import Ratios, log_ratios, parts_of, recorded_in,
 from ibdata.evaluation.play import checked_discount
 from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
 from ibdata.evaluation.states import Source
-from ibdata.experiment.code import consented_spec, refuse_changed, user_objects_in
+from ibdata.experiment.code import consented_spec, refuse_changed
 from ibdata.numerics.confidence import estimate
+from ibdata.policies.user_object import UserObject
 from ibdata.simulation.episodes import Ints
 
 Floats = npt.NDArray[np.float64]
@@ -153,7 +154,7 @@ def importance(
     behaviours = {id(part.behaviour): part.behaviour for part in parts}.values()
     ratios, rewards = Ratios(*np.empty((2, len(episodes), steps))), np.empty((len(episodes), steps))
     with loaded([evaluated, *behaviours]):
-        objects = [part for behaviour in behaviours for part in user_objects_in(behaviour)]
+        objects = [part for behaviour in behaviours for part in behaviour.everywhere(UserObject)]
         refuse_changed(stored.manifest.code, objects, stored.name)
         if any(evaluated.form() != behaviour.form() for behaviour in behaviours):
             refuse_remembered_draws(evaluated)

@@ -76,7 +76,7 @@ class Ratios(NamedTuple):
 
 def refuse_remembered_draws(target: Policy) -> None:
     """Raise UsageError for a target that remembers random numbers, because no data have these numbers."""
-    for policy in target.everywhere():
+    for policy in target.everywhere(Policy):
         needs = getattr(policy, "own_needs", policy.needs)  # without those of a base
         if needs.memory and (needs.step_draws or policy.needs.episode_draws):
             raise UsageError(

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from ibdata.errors import ConfigError, UsageError, notice, suggestion
-from ibdata.experiment.code import user_objects_in
 from ibdata.experiment.messages import Problem, refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.numerics.naming import unequal
@@ -130,7 +129,7 @@ def _named(name: str | os.PathLike[str], allow_code: bool) -> Policy:
     if not isinstance(block, dict) or "kind" not in block:
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{_example(text)}'"])
     policy = _block(block, place, folder)
-    if folder is not None and not allow_code and any(_customs_in(policy)):
+    if folder is not None and not allow_code and any(policy.everywhere(Custom)):
         raise UsageError(
             f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
         )
@@ -154,9 +153,8 @@ def _example(text: str) -> str:
 
 def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
     """What may be wrong with the objects of users that a policy is made of, and that have acted."""
-    for part in policy.everywhere():
-        if isinstance(part, UserObject):
-            yield from part.notes(view if isinstance(part, Live) else PLAIN)
+    for part in policy.everywhere(UserObject):
+        yield from part.notes(view if isinstance(part, Live) else PLAIN)
 
 
 @contextmanager
@@ -171,7 +169,7 @@ def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bo
     for policy in policies:
         if is_foreign(policy):
             refuse_impure(policy, exact=False)
-    objects = [part for policy in policies for part in user_objects_in(policy)]
+    objects = [part for policy in policies for part in policy.everywhere(UserObject)]
     try:
         for policy in policies:
             refuse_shared(policy)
@@ -205,10 +203,6 @@ def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Pol
 
     with refusals(data, _Policies, line):
         [policy] = _Policies.model_validate(data, context={"folder": folder}).policies
-    for custom in _customs_in(policy):
+    for custom in policy.everywhere(Custom):
         custom.look_in(two_places(folder))
     return policy
-
-
-def _customs_in(policy: Policy) -> Iterator[Custom]:
-    return (part for part in user_objects_in(policy) if isinstance(part, Custom))

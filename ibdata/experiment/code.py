@@ -10,7 +10,7 @@ from __future__ import annotations
 import importlib.metadata
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,7 +18,6 @@ from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.policies import Policy
 from ibdata.policies.code import file_of, is_installed, known_before, refuse_within_itself, two_places
 from ibdata.policies.custom import Custom
 from ibdata.policies.live import Live
@@ -28,9 +27,6 @@ from ibdata.system.files import file_sha256
 OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
 
 
-def user_objects_in(policy: Policy) -> Iterator[UserObject]:
-    """Yield the users' objects among a policy and its parts."""
-    return (part for part in policy.everywhere() if isinstance(part, UserObject))
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, again: bool = False) -> None:

@@ -141,7 +141,7 @@ class DatasetSpec:
     def policies_of(self, kind: type[P]) -> list[P]:
         """The policies of a class, including parts of others."""
         policies = (policy for experiment in self.experiments for policy in experiment.policies)
-        return [part for policy in policies for part in policy.everywhere() if isinstance(part, kind)]
+        return [part for policy in policies for part in policy.everywhere(kind)]
 
     def rows_in(self, shards: Iterable[Shard]) -> int:
         """The number of transitions in some of the shards."""

@@ -150,8 +150,8 @@ class Scenario(FrozenModel):
 
 def other_dynamics(policy: Policy, scenario: Scenario) -> Iterator[str]:
     """Warnings about parts of a policy that are made for other dynamics than those of a scenario."""
-    for part in policy.everywhere():
-        if isinstance(part, Expert) and part.dynamics != scenario.base:
+    for part in policy.everywhere(Expert):
+        if part.dynamics != scenario.base:
             yield (
                 f"this expert is made for {part.dynamics}; for {scenario.base}, write "
                 f"{{kind: expert, dynamics: {scenario.base}}}"

@@ -16,7 +16,7 @@ from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, pa
 from ibdata.dataset.statistics import moments
 from ibdata.errors import UsageError, notice
 from ibdata.experiment import Experiment, self_check
-from ibdata.experiment.code import changed, names_of, record, user_objects_in
+from ibdata.experiment.code import changed, names_of, record
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import rollout
 from ibdata.experiment.scenario import other_dynamics
@@ -147,7 +147,7 @@ def _play_user_objects(experiment: Experiment) -> None:
     small = experiment.part(steps=min(experiment.steps, STEPS), episodes=1)
     per_policy = small.episodes_per_policy
     for number, policy in enumerate(small.policies):
-        if any(user_objects_in(policy)):
+        if any(policy.everywhere(UserObject)):
             rollout(small, number * per_policy, number * per_policy + min(per_policy, SETPOINTS))
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ibdata.errors import IbdataError, UsageError
 from ibdata.policies.base import Floats, Needs, Observed, Policy, Steps
-from ibdata.policies.checked import AnswerError, actions, decision, distribution_of, numbers
+from ibdata.policies.checked import AnswerError, actions, ask, decision, numbers
 from ibdata.policies.code import apart_from_results, error_line
 from ibdata.policies.distributions import Certain, Distribution, Unknown
 from ibdata.policies.libraries import is_torch_module, module_call, normalized
@@ -119,10 +119,9 @@ class Adapter:
     def _decision(self, observed: Observed) -> tuple[Any, Any]:
         """What `decide` answers; a policy of ibdata is given as many numbers as it needs."""
         if isinstance(self.target, Policy):
-            action, memory = distribution_of(self.target, observed.cut(self.target.needs).apply(np.copy))
+            action, memory = ask(self.target, observed.cut(self.target.needs).apply(np.copy))
             return action.actions if isinstance(action, Unknown) else action, memory
-        answer = self.target.decide(observed.apply(np.copy))
-        return decision(answer)
+        return decision(self.target.decide(observed.apply(np.copy)))
 
     @cached_property
     def _reset(self) -> Callable[[int], Any] | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeGuard
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,7 @@ Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Steps = npt.NDArray[np.int64]
 
+Kind = TypeVar("Kind")
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 
 # Columns of an observation vector, in the order of the published IB data.
@@ -155,31 +157,36 @@ class Policy(FrozenModel):
         """The policy's label in the data."""
         return self.name or self.kind
 
-    @property
-    def remembers(self) -> bool:
-        """Whether it keeps something between steps beside its memory, so that it is asked step by step."""
-        return False
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Policy) and type(self) is type(other) and self.options() == other.options()
 
-    @property
-    def code_target(self) -> str | None:
-        """The `package.module:name` of foreign code, which runs only if the user allows it; else None."""
-        return None
-
-    @property
+    @cached_property
     def inner(self) -> tuple[Policy, ...]:
-        """The policies of which this one is made; none by default."""
-        return ()
+        """The policies of which this one is made: those in its options, in order."""
+        return tuple(_policies_in(list(self.options().values())))
 
-    def everywhere(self) -> Iterator[Policy]:
-        """Yield this policy and all of which it is made, at any depth."""
-        yield self
+    def everywhere(self, kind: type[Kind]) -> Iterator[Kind]:
+        """Yield those of a class among this policy and all of which it is made, at any depth."""
+        if isinstance(self, kind):
+            yield self
         for policy in self.inner:
-            yield from policy.everywhere()
+            yield from policy.everywhere(kind)
 
     def form(self) -> dict[str, Any]:
         """The kind and the options that differ from their defaults, from which digests are computed."""
         plain = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
         return {"kind": self.kind, **{key: _form(getattr(self, key), inner) for key, inner in plain.items()}}
+
+
+def _policies_in(value: Any) -> Iterator[Policy]:
+    """Yield the policies in the value of an option, without those of which they are made."""
+    if isinstance(value, Policy):
+        yield value
+    elif isinstance(value, FrozenModel):
+        yield from _policies_in(list(value.options().values()))
+    elif isinstance(value, list):
+        for item in value:
+            yield from _policies_in(item)
 
 
 def _form(value: Any, plain: Any) -> Any:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -17,11 +16,15 @@ from ibdata.policies.code import error_line
 from ibdata.policies.distributions import Bools, Certain, Distribution, Unknown
 
 Ints = npt.NDArray[np.int64]
-T = TypeVar("T")
+NOBODY = np.empty(0, dtype=np.int64)  # the numbers of episodes that are made up
 
 
 class AnswerError(Exception):
     """A policy returned no valid answer, or the code of a user failed. The message names no place."""
+
+    def __init__(self, message: str, row: int = 0) -> None:
+        super().__init__(message)
+        self.row = row  # about which it was asked
 
 
 def actions(answer: Any, n: int) -> Floats:
@@ -108,88 +111,52 @@ class OfUser(Distribution):
         return atoms
 
 
-def distribution_of(policy: Policy, observed: Observed) -> tuple[Distribution, Any]:
-    """The distribution of a policy's action, and its memory (n, memory).
+def ask(policy: Policy, observed: Observed) -> tuple[Distribution, Floats]:
+    """The distribution of a policy's action, and its memory (n, memory) for the next step, both checked.
 
     Plain actions are certain if the policy is deterministic, else their density is unknown. Raises
     AnswerError for what is no `Decision`, and for a distribution that takes more random numbers than the
     policy needs.
     """
     action, memory = decision(policy.decide(observed))
+    kept = numbers(memory, observed.memory.shape, "memory") if observed.memory.size else observed.memory
     if not isinstance(action, Distribution):
         plain = actions(action, len(observed.step))
-        return (Certain if is_deterministic(policy) else Unknown)(plain), memory
+        return (Certain if is_deterministic(policy) else Unknown)(plain), kept
     if action.draws > observed.uniforms.shape[1]:
         raise AnswerError(
             f"found a {type(action).__name__} and needs.step_draws {observed.uniforms.shape[1]}, expected at "
             f"least {action.draws}, the random numbers that it takes"
         )
     is_own = type(action).__module__.startswith("ibdata.")
-    return (action if is_own else OfUser(action)), memory
+    return (action if is_own else OfUser(action)), kept
 
 
-class CheckedPolicy(NamedTuple):
-    """A policy whose answers about n episodes are checked.
+def act(distribution: Distribution, u: Floats, out: Float32s, log_density: Floats | None = None) -> int:
+    """Draw actions by random numbers u (n, k), and write them, clipped and rounded, into out (n, 3).
 
-    A policy that sees and remembers nothing may act for several steps at once; the rows are then those of all
-    episodes at one step after another.
+    Their log densities are written into an array (n,) if one is given. Returns the number of actions that
+    were clipped. Raises AnswerError for actions that are not finite numbers.
     """
+    proposed = numbers(distribution.sample(u), out.shape, "actions")
+    clipped = int(clip_and_round(proposed, out))
+    if clipped < 0:
+        row = -1 - clipped
+        raise AnswerError(f"found action {proposed[row]}, expected finite numbers", row)
+    if log_density is not None:  # an action of which the policy is certain has the probability 1
+        log_density[:] = 0.0 if isinstance(distribution, Certain) else distribution.log_density(out)
+    return clipped
 
-    policy: Policy
-    label: str
-    episodes: Ints  # their numbers (n,), for messages; none (0,) if they are made up
 
-    def act(self, observed: Observed, out: Float32s, log_density: Floats | None = None) -> tuple[int, Floats]:
-        """Write the policy's actions, clipped and rounded, into out (n, 3), and their log densities (n,).
+def raise_placed(error: BaseException, label: str, observed: Observed, episodes: Ints = NOBODY) -> NoReturn:
+    """Raise an error of a policy, which must not end the run, as PolicyError that names episode and step.
 
-        Returns:
-            The number of actions that were clipped, and the memory (n, memory) for the next step.
-
-        Raises:
-            PolicyError: the policy returned no valid action; the message names policy, episode and step.
-        """
-
-        def play(distribution: Distribution) -> int:
-            proposed = numbers(distribution.sample(observed.uniforms), out.shape, "actions")
-            clipped = int(clip_and_round(proposed, out))
-            if clipped < 0:
-                row = -1 - clipped
-                problem = f"found action {proposed[row]}, expected finite numbers"
-                raise PolicyError(f"{self._place(observed, row)}: {problem}")
-            if isinstance(distribution, Certain) and log_density is not None:
-                log_density[:] = 0.0  # of an action that it is certain of
-            elif log_density is not None:
-                log_density[:] = distribution.log_density(out)
-            return clipped
-
-        return self.ask(observed, play)
-
-    def ask(self, observed: Observed, question: Callable[[Distribution], T]) -> tuple[T, Floats]:
-        """The answer to a question about the policy's distribution, and the memory. Raises PolicyError."""
-        try:
-            distribution, memory = self.distribution(observed)
-            return question(distribution), memory
-        except (IbdataError, KeyboardInterrupt):
-            raise
-        except BaseException as error:
-            raise self._located(error, observed) from error
-
-    def distribution(self, observed: Observed) -> tuple[Distribution, Floats]:
-        """The distribution of the policy's action, and the memory (n, memory). Raises what goes wrong."""
-        distribution, memory = distribution_of(self.policy, observed)
-        if not observed.memory.size:
-            return distribution, observed.memory
-        return distribution, numbers(memory, observed.memory.shape, "memory")
-
-    def _located(self, error: BaseException, observed: Observed) -> PolicyError:
-        """An error of the policy, which must not end the run, as one line with its place."""
-        line = str(error) if isinstance(error, AnswerError) else error_line(error)
-        return PolicyError(f"{self._place(observed)}: {line}")
-
-    def _place(self, observed: Observed, row: int = 0) -> str:
-        numbers = self.episodes
-        where = (
-            f"episode {numbers[row % len(numbers)]}" if len(numbers) else "asked about random observations"
-        )
-        step = observed.step[row] if len(observed.step) else 0
-        return f"policy {self.label}: {where}: step {step}"
+    Errors of ibdata are raised as they are. A policy that sees and remembers nothing may act for several
+    steps at once: the rows are then those of all episodes (n,) at one step after another.
+    """
+    if isinstance(error, IbdataError | KeyboardInterrupt):
+        raise error
+    line, row = (str(error), error.row) if isinstance(error, AnswerError) else (error_line(error), 0)
+    where = f"episode {episodes[row % len(episodes)]}" if len(episodes) else "asked about random observations"
+    step = observed.step[row] if len(observed.step) else 0
+    raise PolicyError(f"policy {label}: {where}: step {step}: {line}") from error

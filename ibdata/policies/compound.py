@@ -27,7 +27,7 @@ from ibdata.policies.base import (
     Steps,
     is_deterministic,
 )
-from ibdata.policies.checked import distribution_of
+from ibdata.policies.checked import ask
 from ibdata.policies.distributions import ByRow, Distribution, Group
 from ibdata.policies.kinds import AnyPolicy, OneOf
 from ibdata.policies.replaced import OrUniform
@@ -56,7 +56,7 @@ class Wrapper(Policy):
     """A policy that changes the actions of another one, its `base`, and sees what the base sees.
 
     It needs what the base needs and `own_needs`. The base uses the first of the random numbers and of the
-    memory, the policy itself those that follow: `of_base` and `beyond_base` are the two parts.
+    memory, the policy itself those that follow, see `beyond_base`.
     """
 
     base: Policy
@@ -77,15 +77,6 @@ class Wrapper(Policy):
             base.memory + further.memory,
         )
 
-    @property
-    def inner(self) -> tuple[Policy, ...]:
-        """The base."""
-        return (self.base,)
-
-    def of_base(self, observed: Observed) -> Observed:
-        """What the base is given."""
-        return observed.cut(self.base.needs)
-
     def beyond_base(self, observed: Observed) -> Observed:
         """The random numbers and the memory that the base does not use."""
         base = self.base.needs
@@ -95,18 +86,14 @@ class Wrapper(Policy):
             memory=np.ascontiguousarray(observed.memory[:, base.memory :]),
         )
 
-    def base_distribution(self, observed: Observed) -> tuple[Distribution, npt.ArrayLike]:
+    def base_distribution(self, observed: Observed) -> tuple[Distribution, Floats]:
         """The distribution of the base's action, and its memory."""
-        return distribution_of(self.base, self.of_base(observed))
+        return ask(self.base, observed.cut(self.base.needs))
 
-    def base_action(self, observed: Observed) -> tuple[Float32s, npt.ArrayLike]:
+    def base_action(self, observed: Observed) -> tuple[Float32s, Floats]:
         """The actions (n, 3) of a base that draws nothing, clipped and rounded, and its memory."""
         distribution, memory = self.base_distribution(observed)
         return applied(distribution.sample(observed.uniforms)), memory
-
-    def remembered(self, base: npt.ArrayLike, memory: Floats) -> npt.ArrayLike:
-        """The memory of the base followed by the policy's own."""
-        return np.concatenate([base, memory], axis=1) if self.base.needs.memory else memory
 
 
 def _is_simple(policy: type[Policy]) -> bool:
@@ -178,7 +165,7 @@ class Choice(Policy):
     def decide(self, observed: Observed) -> Decision:
         memory, groups = np.zeros((len(observed.step), self.needs.memory)), []
         for policy, episodes, part in self._parts(observed):
-            distribution, remembered = distribution_of(policy, part)
+            distribution, remembered = ask(policy, part)
             memory[episodes, : part.memory.shape[1]] = remembered
             groups.append(Group(episodes, distribution, policy.needs.step_draws))
         return Decision(ByRow(groups, self.needs.step_draws), memory)
@@ -218,11 +205,6 @@ class PolicyMixture(Choice):
         default=None,
         description="how often each is drawn, relative to the others; default: equally often",
     )
-
-    @property
-    def inner(self) -> tuple[Policy, ...]:
-        """The policies."""
-        return tuple(self.bases)
 
     @property
     def members(self) -> list[str]:
@@ -278,11 +260,6 @@ class Schedule(Choice):
     stages: Annotated[list[Stage], Field(min_length=1, max_length=100)] = Field(
         description="the stages in order"
     )
-
-    @property
-    def inner(self) -> tuple[Policy, ...]:
-        """The policies of the stages."""
-        return tuple(stage.base for stage in self.stages)
 
     @property
     def explores(self) -> bool:

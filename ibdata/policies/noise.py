@@ -66,7 +66,7 @@ class OrnsteinUhlenbeck(Wrapper):
         (base, memory), process = self.base_action(observed), self.beyond_base(observed)
         mean = base + (1.0 - self.theta) * process.memory
         x = _moved(process.memory, process.uniforms, self.theta, self.sigma)
-        return Decision(ClippedNormal(mean, self.sigma), self.remembered(memory, x))
+        return Decision(ClippedNormal(mean, self.sigma), np.concatenate([memory, x], axis=1))
 
 
 @compiled
@@ -120,7 +120,8 @@ class ColouredNoise(Wrapper):
         if (observed.step == 0).any():
             noise = noise.copy()
             _draw(observed.step, process.episode_uniforms, self.beta, noise)
-        return Decision(_with_noise(base, noise, observed.step, self.scale), self.remembered(memory, noise))
+        action = _with_noise(base, noise, observed.step, self.scale)
+        return Decision(action, np.concatenate([memory, noise], axis=1))
 
 
 @compiled

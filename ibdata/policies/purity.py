@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ibdata.errors import PolicyError
 from ibdata.policies.base import OBSERVATION, Float32s, Floats, Observed, Policy
-from ibdata.policies.checked import CheckedPolicy
+from ibdata.policies.checked import act, ask, raise_placed
 
 EPISODES, STEPS = 32, 2
 NEAR = 1e-3  # of the actions of objects: their last bits may depend on the number of episodes
@@ -70,9 +70,12 @@ def played(
 
 def decided(policy: Policy, observed: Observed) -> tuple[Float32s, Floats]:
     """The actions of a policy, clipped and rounded, float32 (n, 3), and its memory (n, memory)."""
-    out = np.empty((len(observed.step), 3), dtype=np.float32)
-    checked = CheckedPolicy(policy, policy.label, np.empty(0, dtype=np.int64))
-    _, memory = checked.act(observed.apply(np.copy), out)
+    given, out = observed.apply(np.copy), np.empty((len(observed.step), 3), dtype=np.float32)
+    try:
+        distribution, memory = ask(policy, given)
+        act(distribution, given.uniforms, out)
+    except BaseException as error:
+        raise_placed(error, policy.label, observed)
     return out, memory.copy()
 
 

@@ -38,7 +38,7 @@ def setpoint_notes(
 
     It sees so many columns of an observation, of which one has the setpoint.
     """
-    parts = list(policy.everywhere())
+    parts = list(policy.everywhere(Policy))
     far = [note for scaling in _scalings(parts) for note in far_notes(scaling, setpoints, columns, at)]
     yield from far
     alike = [] if far else [p for p in setpoints if _acts_alike(policy, p, EPISODES, columns, at)]
@@ -47,9 +47,8 @@ def setpoint_notes(
             f"at setpoint {', '.join(map(exact, alike))} its actions depend on nothing else that it sees, at "
             "others they do: perhaps it scales observations by what it saw in training, at others"
         )
-    for part in parts:
-        if isinstance(part, UserObject):
-            part.adapter.clipped[:] = 0  # what was asked here is made up
+    for user_object in policy.everywhere(UserObject):
+        user_object.adapter.clipped[:] = 0  # what was asked here is made up
 
 
 def far_notes(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -45,14 +44,14 @@ class UserObject(Policy):
         return self
 
     @property
-    @abstractmethod
     def adapted(self) -> Any:
         """The object."""
+        raise NotImplementedError
 
     @property
-    @abstractmethod
     def code_target(self) -> str:
         """What names the object in records and messages."""
+        raise NotImplementedError
 
     @property
     def needs(self) -> Needs:
@@ -115,7 +114,7 @@ def clipping_notes(clipped: float, total: float, what: str) -> Iterator[str]:
 
 def refuse_shared(policy: Policy) -> None:
     """Raise PolicyError for a policy in which an object that remembers acts in two places."""
-    parts = [part for part in policy.everywhere() if isinstance(part, UserObject) and part.remembers]
+    parts = [part for part in policy.everywhere(UserObject) if part.remembers]
     if len({id(part.adapted) for part in parts}) < len(parts):
         raise PolicyError(
             f"policy {policy.label}: found {parts[0].code_target} in two places, expected an object for "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,7 @@ import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ibdata.policies import Observed
-from ibdata.policies.checked import CheckedPolicy
-from ibdata.policies.distributions import Distribution
+from ibdata.policies.checked import ask, raise_placed
 from ibdata.simulation.carry import begin
 from ibdata.simulation.episodes import Episodes, Float32s, Floats
 from ibdata.simulation.unroll import BLOCK, observed
@@ -69,7 +67,6 @@ def _replayed(
 ) -> tuple[npt.NDArray[Any], ...]:
     """The answers for at most so many episodes, of which as many rows are asked about at a time."""
     carry, needs = begin(episodes), episodes.policy.needs
-    policy = CheckedPolicy(episodes.policy, episodes.label, episodes.number)
     seen = actions_before = np.empty((*actions.shape[:2], 0, 6), dtype=np.float32)
     if needs.history:
         seen = _windows(carry.observations[:, 1:], observations, needs.history)
@@ -77,17 +74,21 @@ def _replayed(
     n, steps = actions.shape[:2]
     answers: list[list[npt.NDArray[Any]]] = []
 
-    def ask(given: Observed, first: int, stop: int) -> Floats:
+    def answer(given: Observed, first: int, stop: int) -> Floats:
         of_part = [_rows(array[:, first:stop]) for array in (seen, actions_before, *arrays)]
         recorded = given._replace(observations=of_part[0], actions=of_part[1])
-        found, memory = policy.ask(recorded, partial(_ask, question=question, arrays=of_part[2:]))
-        answers.append([answer.reshape(n, stop - first, *answer.shape[1:]) for answer in found])
+        try:
+            distribution, memory = ask(episodes.policy, recorded)
+            found = question(distribution, *of_part[2:])
+        except BaseException as error:
+            raise_placed(error, episodes.label, recorded, episodes.number)
+        answers.append([x.reshape(n, stop - first, *x.shape[1:]) for x in found])
         return memory
 
     if needs.memory:
         for first in range(0, steps, BLOCK):
             for t, given in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
-                carry.memory = ask(given, t, t + 1)
+                carry.memory = answer(given, t, t + 1)
     else:
         for first in range(0, steps, most // n):
             stop = min(first + most // n, steps)
@@ -95,14 +96,8 @@ def _replayed(
             nothing = np.zeros((rows, 0))
             step, u = np.tile(np.arange(first, stop), n), np.zeros((rows, needs.step_draws))
             draws = np.repeat(carry.draws, stop - first, axis=0)
-            ask(Observed(nothing, nothing, step, u, draws, nothing), first, stop)
+            answer(Observed(nothing, nothing, step, u, draws, nothing), first, stop)
     return tuple(np.concatenate(blocks, axis=1) for blocks in zip(*answers, strict=True))
-
-
-def _ask(
-    distribution: Distribution, question: Question, arrays: list[npt.NDArray[Any]]
-) -> tuple[npt.NDArray[Any], ...]:
-    return question(distribution, *arrays)
 
 
 def _rows(x: npt.NDArray[Any]) -> npt.NDArray[Any]:

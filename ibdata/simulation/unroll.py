@@ -16,7 +16,8 @@ import numpy as np
 from ibdata.numerics.random import Purpose
 from ibdata.policies import Observed
 from ibdata.policies.actions import read_only
-from ibdata.policies.checked import CheckedPolicy
+from ibdata.policies.checked import act, ask, raise_placed
+from ibdata.policies.user_object import UserObject
 from ibdata.simulation.carry import Carry
 from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
 
@@ -73,11 +74,10 @@ def unroll(
         PolicyError: the policy returned no valid action.
     """
     n, world, needs = len(episodes), episodes.world, episodes.policy.needs
-    policy = CheckedPolicy(episodes.policy, episodes.label, episodes.number)
     recorded_steps = 0 if recorded is None else len(recorded)
     record = np.empty((len(rows), min(BLOCK, steps) + 1, n))
-    parts = episodes.policy.everywhere()
-    remembers = needs.memory > 0 or any(part.remembers for part in parts)
+    objects = episodes.policy.everywhere(UserObject)
+    remembers = needs.memory > 0 or any(part.remembers for part in objects)
     actions, unplayed = np.empty((2, min(BLOCK, steps), n, 3), dtype=np.float32)
     log_density = np.zeros(actions.shape[:2])
     record[:, 0] = carry.state.values[rows] + 0.0
@@ -96,8 +96,11 @@ def unroll(
                 seen = next(questions) if observe is None else observe(next(questions))
                 answers = (unplayed if is_recorded else actions)[part].reshape(-1, 3)
                 density = log_density[part].reshape(-1) if densities else None
-                beyond, carry.memory = policy.act(seen, answers, density)
-                clipped += beyond
+                try:
+                    distribution, carry.memory = ask(episodes.policy, seen)
+                    clipped += act(distribution, seen.uniforms, answers, density)
+                except BaseException as error:
+                    raise_placed(error, episodes.label, seen, episodes.number)
             carry.advance(world, actions[part], raw[part], drift[part], record, rows, 1 + t)
         yield Block(first, record[:, : count + 1], actions[:count], log_density[:count], clipped)
         record[:, 0] = record[:, count]

@@ -18,6 +18,7 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column
 from ibdata.experiment.dataset_spec import Shard
 from ibdata.experiment.rollout import log_densities
+from ibdata.policies.user_object import UserObject
 from ibdata.writing.columns import index_columns, policy_numbers
 
 Array = npt.NDArray[Any]
@@ -198,7 +199,7 @@ def density(rows: Rows) -> Found:
     wrong = np.zeros(len(rows.columns["step"]), dtype=np.bool_)
     for low, high in pairwise(cuts):
         behaviour = experiment.policies[policies[low]]
-        if not any(policy.code_target for policy in behaviour.everywhere()):
+        if not any(behaviour.everywhere(UserObject)):
             stored = rows.columns["action_log_prob"][low * steps : high * steps]
             known = log_densities(
                 experiment, first + low, first + high, observations[low:high], actions[low:high]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ibdata.policies import POLICIES, Decision, Needs, Observed, Policy
 from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
-from ibdata.policies.checked import distribution_of
+from ibdata.policies.checked import ask
 
 Actions = npt.NDArray[np.float32]
 BAD, SAFE, RANDOM = {"kind": "bad"}, {"kind": "safe"}, {"kind": "random"}
@@ -64,7 +64,7 @@ def policy_of(block):
 
 def distribution(policy, observed):
     """The distribution of a policy's action."""
-    return distribution_of(policy, observed)[0]
+    return ask(policy, observed)[0]
 
 
 def drawn(policy, observed):
@@ -96,7 +96,7 @@ def playing(policy: Policy, n: int, steps: int, seed: int = 0) -> Iterator[tuple
     for t in range(steps):
         u = random.random((n, policy.needs.step_draws))
         observed = Observed(seen, done, np.full(n, t), u, drawn, memory)
-        distribution, memory = distribution_of(policy, observed)
+        distribution, memory = ask(policy, observed)
         actions = np.clip(np.asarray(distribution.sample(u)), -1.0, 1.0).astype(np.float32)
         yield observed, actions
         done = np.concatenate([actions[:, None], done], axis=1)[:, :frames]

@@ -9,7 +9,8 @@ from helpers.policies import distribution, played, playing
 from ibdata.experiment import Experiment
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
-from ibdata.policies.checked import distribution_of
+from ibdata.policies.checked import ask
+from ibdata.policies.user_object import UserObject
 
 Sticky, Mixture, Schedule = (POLICIES[kind] for kind in ("sticky", "mixture", "schedule"))
 UP = {"kind": "constant", "action": [0.5, 0.5, 0.5]}
@@ -81,7 +82,7 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
             own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(
                 alone.needs
             )
-            one, memory = distribution_of(alone, own)
+            one, memory = ask(alone, own)
             np.testing.assert_array_equal(action[mine], applied(one.sample(own.uniforms))[mine])
             density, found = one.log_density(action), distribution(mixture, given).log_density(action)
             np.testing.assert_array_equal(found[mine], density[mine])
@@ -128,6 +129,6 @@ def test_custom_policies_are_found_at_any_depth():
     sticky = {"kind": "sticky", "base": custom, "kappa": 0.1}
     stages = [{"base": {"kind": "mixture", "bases": [RANDOM, sticky]}, "steps": 3}, {"base": {"kind": "bad"}}]
     policy = Schedule(stages=stages)
-    assert [each.kind for each in policy.everywhere() if each.code_target] == ["custom"]
+    assert [each.kind for each in policy.everywhere(UserObject)] == ["custom"]
     made = Experiment(name="x", setpoints=70, policies=[policy])
     assert Experiment.model_validate(made.plain()) == made

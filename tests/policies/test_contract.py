@@ -17,7 +17,7 @@ from pydantic import ValidationError
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
 from ibdata.policies import POLICIES, Decision, Policy, purity
-from ibdata.policies.checked import distribution_of
+from ibdata.policies.checked import ask
 from ibdata.testing import check_policy
 
 pytestmark = pytest.mark.usefixtures("network_here")
@@ -102,11 +102,19 @@ def test_its_form_is_what_differs_from_defaults(block):
 
 
 @blocks
+def test_policies_are_equal_by_class_and_options_also_when_one_has_acted(block):
+    policy = policy_of(block)
+    list(playing(policy, 2, 2))
+    assert policy == policy_of(block)
+    assert policy != policy.model_copy(update={"name": "mine"})
+
+
+@blocks
 def test_arrays_that_cannot_be_written_are_enough(block):
     policy = policy_of(block)
     given, action = list(playing(policy, 20, 4))[3]
     seen = given.apply(read_only)
-    (one, memory), (other, same_memory) = (distribution_of(policy, each) for each in (seen, given))
+    (one, memory), (other, same_memory) = (ask(policy, each) for each in (seen, given))
     np.testing.assert_array_equal(memory, same_memory)
     np.testing.assert_array_equal(one.sample(seen.uniforms), other.sample(given.uniforms))
     found = one.log_density(read_only(action))

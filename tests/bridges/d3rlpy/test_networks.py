@@ -20,7 +20,7 @@ import ibdata
 from ibdata.evaluation.policies import policy_of
 from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
-from ibdata.policies.checked import distribution_of
+from ibdata.policies.checked import ask
 from ibdata.policies.network import Network
 from ibdata.policies.sampled import Sampled
 
@@ -113,7 +113,7 @@ def test_draws_have_the_density_of_stable_baselines(file, history, algorithm):
     model = of_sb3(algorithm, net=SMALL)
     policy = Sampled(base=saved(file, model, **SCALING), share=1.0)
     given = at_start(history, policy.needs, np.random.default_rng(1).random((len(history), 4)))
-    distribution, _ = distribution_of(policy, given)
+    distribution, _ = ask(policy, given)
     action = applied(distribution.sample(given.uniforms))
     inside = (np.abs(action) < 0.99).all(axis=1)
     seen, done = (torch.as_tensor(x[inside]) for x in (scaled(history), action))
