@@ -142,7 +142,6 @@ class Episodes:
             episodes: With this number, or with one of these, such as range(100).
             returns: With an undiscounted return within (lowest, highest), both included; None for no limit.
                 `importance`, `noise_floor` and `score_model` refuse episodes that were chosen by it.
-                `importance`, `noise_floor` and `score_model` refuse episodes that were chosen by it.
 
         Raises:
             UsageError: The dataset has no such split, setpoint, policy or episode, or no limits are given.

@@ -27,8 +27,6 @@ from ibdata.system.files import file_sha256
 OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
 
 
-
-
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, again: bool = False) -> None:
     """Refuse custom policies without consent. Messages begin with `where`.
 

@@ -57,7 +57,7 @@ def whole(target: Path, overwrite: bool = False) -> Iterator[Path]:
         files.sync_all(export)
         _refuse(target, overwrite)
         _refuse_others(place, export)
-        part.place(export)
+        part.place(export, overwrite)
 
 
 def _refuse(target: Path, overwrite: bool) -> None:

@@ -112,13 +112,13 @@ class Build:
 
     def tidy(self) -> None:
         """Remove what a killed run has published, or begun in vain, unless somebody is at work here."""
-        if self._part.folder.exists():
+        if os.path.exists(self._part.folder):
             with suppress(IbdataError), locked_part(self._path) as self._part:
                 self._tidy()
 
     def _tidy(self) -> None:
-        there = _checksum(self._path)
-        published = there is not None and any(run and run.manifest == there for _, run in self._runs())
+        noted = [(run, record.manifest) for run, record in self._runs() if record and record.manifest]
+        published = any(_checksum(run / DATASET) != manifest for run, manifest in noted)
         if published or not self._part.receipts:
             self._part.clear()
 
@@ -227,15 +227,16 @@ class Build:
         for file in (folder / "data").iterdir():
             if f"data/{file.name}" not in paths:  # of a shard that was made twice
                 file.unlink()
+        record.write(self.run)  # the manifest that was noted before is about to be written again
         finish(self.spec, written, folder, record.reproducible, record.code, record.clipped)
+        sync_all(folder)
         if not self.is_there():  # somebody may have put files there meanwhile
             for path in [folder, *folder.rglob("*")]:  # as those of the dataset that is replaced
                 old = self._path / path.relative_to(folder)
                 keep_access(old if path.is_dir() else self._path / manifest.PATH, path)
-            sync_all(folder)
             record.model_copy(update={"manifest": _checksum(folder)}).write(self.run)
             ignore()  # a run that has published is finished, and not stopped
-            self._part.place(folder)
+            self._part.place(folder, self._overwrite)
         self._part.clear()
 
 

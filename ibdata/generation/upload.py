@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 from ibdata.dataset import manifest
@@ -17,7 +18,8 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.build import Build, refuse_damage, refuse_name, refuse_other
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.files import is_litter
-from ibdata.system.signals import check, stoppable
+from ibdata.system.part import locked_part
+from ibdata.system.signals import check
 from ibdata.system.storage import Remote, Storage, reason
 
 
@@ -86,11 +88,12 @@ def drop_damaged(work: Path, spec: DatasetSpec) -> None:
 def upload(remote: Remote, work: Path) -> None:
     """Upload the finished dataset in a folder, the manifest last, and remove the folder."""
     try:
-        with stoppable():
+        with locked_part(work, remote.name):  # nobody else uploads it, or removes it
             for path in [*sorted(_files(work) - {manifest.PATH}), manifest.PATH]:
                 if (work / path).is_file():
                     remote.put(work / path, path)
                 check()
+            shutil.rmtree(work, ignore_errors=True)
     except Interrupted as error:
         error.left = "the dataset is not uploaded; the same command uploads it"
         raise
@@ -98,4 +101,5 @@ def upload(remote: Remote, work: Path) -> None:
         raise IbdataError(
             f"{remote.name}: cannot be written: {reason(error)}; the same command tries again"
         ) from None
-    shutil.rmtree(work.parent, ignore_errors=True)
+    with suppress(OSError):
+        work.parent.rmdir()

@@ -23,7 +23,7 @@ from ibdata.generation.generate import generate
 from ibdata.numerics.naming import exact
 from ibdata.system.cache_folders import cache_folders
 from ibdata.system.configs import canonical_file
-from ibdata.system.files import part_of, remove
+from ibdata.system.files import remove
 from ibdata.system.lock import locked
 from ibdata.system.part import refusals
 from ibdata.validation.validate import validate
@@ -156,7 +156,6 @@ def _dataset(name: str, experiment: Experiment, root: str | None) -> Dataset:
     with refusals(folder), locked(lock, PATIENCE, place=folder):
         kept = _kept(folder, experiment, root)  # another process may have made it meanwhile
         if kept is None:
-            remove(part_of(folder))
             remove(folder)
         dataset = kept or opened(generate(experiment, folder))
     if root not in (None, dataset.content_root):

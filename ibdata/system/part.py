@@ -77,10 +77,11 @@ class Part:
     @property
     def progress(self) -> tuple[int, int] | None:
         """How many shards of the last run are finished, and how many it has; None if there is no run."""
-        for run in reversed(self.runs):
-            with suppress(OSError):
-                note = json.loads(read_sealed(run / NOTE))
-                return len(existing_paths(run / RECEIPTS)), note["shards"]
+        with suppress(OSError):  # not ours to read, or no name that the system knows
+            for run in reversed(self.runs):
+                with suppress(OSError):
+                    note = json.loads(read_sealed(run / NOTE))
+                    return len(existing_paths(run / RECEIPTS)), note["shards"]
         return None
 
     @property
@@ -91,17 +92,19 @@ class Part:
         names = [path.name for path in existing_paths(self.folder)]
         return not names or LOCK in names
 
-    def place(self, dataset: Path) -> None:
+    def place(self, dataset: Path, replace: bool = False) -> None:
         """Give what was made in the part its name. Whatever had the name is in the part afterwards.
 
         A file or folder that is replaced changes places with the new one in one system call, if there is one.
         """
-        replaces = self.target.is_file() or (self.target.is_dir() and any(self.target.iterdir()))
-        if not replaces or not exchanged(dataset, self.target):
-            if replaces:
-                remove(self.folder / OLD)
-                self.target.rename(self.folder / OLD)  # readers find nothing for a moment
+        replaces = replace and (self.target.is_file() or bool(existing_paths(self.target)))
+        if not replaces:
+            dataset.rename(self.target)  # which fails where somebody has put files meanwhile
+        elif not exchanged(dataset, self.target):
+            remove(self.folder / OLD)
+            self.target.rename(self.folder / OLD)  # readers find nothing for a moment
             dataset.rename(self.target)
+            (self.folder / OLD).rename(self.folder / f"tmp-{secrets.token_hex(8)}")
         sync_folder(self.target.parent)
 
     def restore(self) -> None:
@@ -137,7 +140,9 @@ def existing_paths(folder: Path) -> list[Path]:
 
 
 def _last_change(run: Path) -> int:
-    return (run / RECEIPTS).stat().st_mtime_ns if existing_paths(run / RECEIPTS) else 0
+    with suppress(FileNotFoundError):  # removed meanwhile
+        return (run / RECEIPTS).stat().st_mtime_ns if existing_paths(run / RECEIPTS) else 0
+    return 0
 
 
 def resolved(out: str | os.PathLike[str]) -> Path:

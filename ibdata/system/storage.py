@@ -183,13 +183,13 @@ class Remote(Storage):
     def put(self, source: Path, path: str) -> None:
         """Upload a file. If that fails, part of it may be there."""
         target = f"{self._base}/{path}"
-        with plain_errors():
+        with plain_errors(), source.open("rb") as file:
             try:
                 stream = self._files.open_output_stream(target)
             except FileNotFoundError:  # a file system with folders
                 self._files.create_dir(target.rpartition("/")[0], recursive=True)
                 stream = self._files.open_output_stream(target)
-            with source.open("rb") as file, stream:
+            with stream:
                 shutil.copyfileobj(file, stream, BLOCK)
 
 

@@ -183,7 +183,7 @@ def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
         return None
     header, digests, returns, *arrays, sample = (np.load(file) for _ in range(9))
     known = json.loads(header.tobytes())
-    if not known["file"][0].startswith(shard.stem):  # that of another shard
+    if not known["file"][0].startswith(f"{shard.stem}-"):  # that of another shard
         return None
     moments = Moments(known["rows"], *arrays)
     summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
