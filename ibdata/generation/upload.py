@@ -87,19 +87,19 @@ def drop_damaged(work: Path, spec: DatasetSpec) -> None:
 
 def upload(remote: Remote, work: Path) -> None:
     """Upload the finished dataset in a folder, the manifest last, and remove the folder."""
-    try:
-        with locked_part(work, remote.name):  # nobody else uploads it, or removes it
+    with locked_part(work, remote.name):  # nobody else uploads it, or removes it
+        try:
             for path in [*sorted(_files(work) - {manifest.PATH}), manifest.PATH]:
                 if (work / path).is_file():
                     remote.put(work / path, path)
                 check()
-            shutil.rmtree(work, ignore_errors=True)
-    except Interrupted as error:
-        error.left = "the dataset is not uploaded; the same command uploads it"
-        raise
-    except OSError as error:
-        raise IbdataError(
-            f"{remote.name}: cannot be written: {reason(error)}; the same command tries again"
-        ) from None
+        except Interrupted as error:
+            error.left = "the dataset is not uploaded; the same command uploads it"
+            raise
+        except OSError as error:
+            raise IbdataError(
+                f"{remote.name}: cannot be written: {reason(error)}; the same command tries again"
+            ) from None
+        shutil.rmtree(work, ignore_errors=True)
     with suppress(OSError):
         work.parent.rmdir()

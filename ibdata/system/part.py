@@ -97,8 +97,10 @@ class Part:
 
         A file or folder that is replaced changes places with the new one in one system call, if there is one.
         """
-        replaces = replace and (self.target.is_file() or bool(existing_paths(self.target)))
-        if not replaces:
+        is_folder = self.target.is_dir()
+        is_taken = self.target.is_file() or (is_folder and any(self.target.iterdir()))
+        is_littered = is_folder and not existing_paths(self.target)  # with what macOS leaves
+        if not (is_taken and (replace or is_littered)):
             dataset.rename(self.target)  # which fails where somebody has put files meanwhile
         elif not exchanged(dataset, self.target):
             remove(self.folder / OLD)
