@@ -132,7 +132,7 @@ class World:
         """The unfinished run that is beside a place now, as `ibdata ls` shows it."""
         before, done = self.places[out].part, answer.code == 0 and after is not self.places[out]
         if not (self.home / f".{out}.part").exists():
-            assert before is None or answer.code != 2, "the unfinished run is lost"
+            assert before in (None, USELESS) or answer.code != 2, "the unfinished run is lost"
             return None
         listed = self.known.forks.run("ls", self.home, "--json")
         assert listed.code == 0, listed
