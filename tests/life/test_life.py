@@ -43,6 +43,7 @@ def places(fits: Callable[[Place], object]) -> st.SearchStrategy[str]:
 
 HOLDS, EMPTY = (lambda place: place.holds), (lambda place: not place.holds)
 PART, MINE = (lambda place: place.part), (lambda place: place.note or place.file)
+EDITED = places(lambda place: place.words)
 ANYWHERE, DATASETS, OTHERS, PARTS_LEFT = map(places, (bool, HOLDS, EMPTY, PART))
 NAMES, BY = st.sampled_from(sorted(EXPERIMENTS)), st.sampled_from(sorted(model.NAMES))
 OPTIONS = st.sampled_from([(), ("--overwrite",)])
@@ -127,7 +128,7 @@ class Life(RuleBasedStateMachine):
         self.run(out, model.repair(self.world.places[out]), moment, "repair", out, "--workers", 1)
 
     @some(HOLDS)
-    @rule(out=DATASETS, overwrite=st.booleans(), moment=moments(12))
+    @rule(out=EDITED, overwrite=st.booleans(), moment=moments(12))
     def card(self, out: str, overwrite: bool, moment: Moment) -> None:
         expected = model.card(self.world.places[out], overwrite)
         self.run(out, expected, moment, "card", out, *["--overwrite"][: int(overwrite)])
