@@ -174,6 +174,9 @@ def _facts(path: str, data: bytes) -> Any:
     """What programs read in a file of `meta`. The prose of a description may be said in other words."""
     if path.endswith(".parquet"):
         table = pq.read_table(io.BytesIO(data))
+        if "setpoint" in table.column_names:  # float64 in tables of earlier versions, whatever the rows have
+            place = table.column_names.index("setpoint")
+            table = table.set_column(place, "setpoint", table["setpoint"].cast(pa.float32()))
         return {name: table[name].to_pylist() for name in table.column_names}
     if path.endswith(".yaml"):
         return Experiment.model_validate(Document(data).data).plain()

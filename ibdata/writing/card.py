@@ -130,6 +130,7 @@ def _front_matter(spec: DatasetSpec, paths: Sequence[str]) -> str:
     shards = list(zip(spec.shards, paths, strict=True))
     files = {name: [path for shard, path in shards if name in shard.splits] for name in spec.declared}
     disjoint = all(len(shard.splits) == 1 for shard in spec.shards)  # and all that there is
+    disjoint = disjoint and len({_hub_name(name) for name in files}) == len(files)
     if not disjoint:
         lines += _data_files("everything" if files else "train", ["data/part-*.parquet"])
     for name, own in files.items():
@@ -139,10 +140,18 @@ def _front_matter(spec: DatasetSpec, paths: Sequence[str]) -> str:
     return "\n".join([*lines, "---", ""])
 
 
+def _hub_name(split: str) -> str:
+    """The name of a split that Hugging Face admits."""
+    return "all_" if split == "all" else split.replace("-", "_")
+
+
 def _data_files(split: str, paths: Sequence[str]) -> list[str]:
-    """The lines of a split that is whole files, under a name that Hugging Face admits."""
-    name = "all_" if split == "all" else split.replace("-", "_")
-    return [f"      - split: {yaml_name(name)}", "        path:", *(f"          - {path}" for path in paths)]
+    """The lines of a split that is whole files."""
+    return [
+        f"      - split: {yaml_name(_hub_name(split))}",
+        "        path:",
+        *(f"          - {path}" for path in paths),
+    ]
 
 
 def _text(spec: DatasetSpec, root: str) -> str:

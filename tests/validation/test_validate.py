@@ -97,6 +97,17 @@ def test_a_return_that_is_not_that_of_the_rows_is_named(copied, change):
     assert rules(copied) == {("meta/episodes.parquet", None, "metadata")}
 
 
+def test_a_table_of_an_earlier_version_has_setpoints_in_float64(tmp_path):
+    plain = {"name": "x", "setpoints": [20.1, 70.0], "policies": ["random"], "steps": 3}
+    made = ibdata.generate(plain, tmp_path / "x", workers=1).path
+    path = made / "meta/episodes.parquet"
+    table = pq.read_table(path)
+    place = table.column_names.index("setpoint")
+    pq.write_table(table.set_column(place, "setpoint", pa.array([20.1, 70.0])), path)
+    seal(made)
+    assert validate(made) == []
+
+
 @pytest.mark.parametrize(("key", "split"), [("mean", None), ("max", "target")])
 def test_statistics_that_are_not_those_of_the_rows_are_named(copied, key, split):
     path = copied / "meta/statistics.json"
