@@ -146,12 +146,12 @@ class Episodes:
         Raises:
             UsageError: The dataset has no such split, setpoint, policy or episode, or no limits are given.
         """
-        conditions = (split, setpoint, policy, episodes, returns)
-        if all(condition is None for condition in conditions):
+        if all(condition is None for condition in (split, setpoint, policy, episodes, returns)):
             return self
+        whatever_return = self.inside & meeting(self.stored, split, setpoint, policy, episodes, None)
         selected = copy.copy(self)
-        selected.mask = self.inside & meeting(self.stored, *conditions)
-        selected.is_by_returns = self.is_by_returns or returns is not None
+        selected.mask = whatever_return & meeting(self.stored, None, None, None, None, returns)
+        selected.is_by_returns = self.is_by_returns or not np.array_equal(selected.mask, whatever_return)
         return selected
 
     @public

@@ -49,10 +49,10 @@ class Build:
         *,
         overwrite: bool = False,
         new: bool = False,
-        name: Path | None = None,
+        name: str | None = None,
     ) -> None:
         """Plan a dataset, with which `overwrite` replaces another one, and `new` refuses every other one."""
-        self.spec, self.name = spec, name or Path(place)
+        self.spec, self.name = spec, name or str(Path(place))
         self.run = Path()
         self._is_made = False
         self._path, self._overwrite, self._new = resolved(place), overwrite, new
@@ -63,8 +63,9 @@ class Build:
     def begun(cls, place: str | os.PathLike[str]) -> tuple[Build, Record] | None:
         """The run at a place that was worked on last, and its record; None if there is none."""
         for run in reversed(Part(resolved(place)).runs):
-            if record := Record.read(run):
-                return cls(place, record.dataset_spec()), record
+            with suppress(DatasetError):
+                if record := Record.read(run):
+                    return cls(place, record.dataset_spec()), record
         return None
 
     def is_there(self) -> bool:
@@ -100,11 +101,17 @@ class Build:
                 )
             return True
 
-    def finished_shards(self) -> int:
-        """How many shards the part has of this dataset, whatever code made them."""
-        mine = Record.of(self.spec, code=[], reproducible=False)
-        runs = [run for run, begun in self._runs() if begun is not None and begun.makes() == mine.makes()]
-        return max((len(existing_paths(run / RECEIPTS)) for run in runs), default=0)
+    def begun_shards(self) -> int:
+        """How many shards of this dataset are finished in the part, as far as the files of its code tell."""
+        mine = Record.of(self.spec, code=[], reproducible=False).makes()
+        return max(
+            (
+                len(existing_paths(run / RECEIPTS))
+                for run, record in self._runs()
+                if record and record.makes() == mine and not changed_here(self.spec, record.code)
+            ),
+            default=0,
+        )
 
     def _runs(self) -> list[tuple[Path, Record | None]]:
         """The runs in the part and their records, which may be damaged; the last is that worked on last."""
@@ -240,10 +247,10 @@ class Build:
         self._part.clear()
 
 
-def _refuse_place(path: Path, name: Path) -> None:
+def _refuse_place(path: Path, name: str) -> None:
     """Raise UsageError if no dataset can appear at a place by a rename."""
     manifest.refuse_inside(path)
-    refuse_name(name.parts, name)
+    refuse_name(Path(name).parts, name)
     here = Path.cwd()
     if path == here or path in here.parents:
         raise UsageError(f"{name}: is the current folder or around it; choose another --out")
@@ -271,7 +278,7 @@ def is_of(listed: Manifest, spec: DatasetSpec) -> bool:
     return entry is not None and entry.sha256 == hashlib.sha256(as_yaml(spec.experiments[0])).hexdigest()
 
 
-def refuse_other(listed: Manifest, spec: DatasetSpec, name: Path | str, remedy: str) -> None:
+def refuse_other(listed: Manifest, spec: DatasetSpec, name: str, remedy: str) -> None:
     """Raise UsageError if a manifest is that of another dataset."""
     if is_of(listed, spec):
         return
@@ -287,7 +294,7 @@ def size_in(folder: Path, path: str) -> int | None:
     return file.stat().st_size if file.is_file() else None
 
 
-def refuse_damage(listed: Manifest, size_of: Callable[[str], int | None], name: Path | str) -> None:
+def refuse_damage(listed: Manifest, size_of: Callable[[str], int | None], name: str) -> None:
     """Raise DatasetError for the first file that a manifest lists and that is missing or has another size."""
     for path, entry in listed.entries().items():
         if size_of(path) != entry.bytes:

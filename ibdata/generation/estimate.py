@@ -115,5 +115,5 @@ def _action(spec: DatasetSpec, place: Path | str, overwrite: bool) -> str:
     build = Build(place, spec, overwrite=overwrite)
     if build.is_there():
         return "open the finished dataset"
-    finished = build.finished_shards()
+    finished = build.begun_shards()
     return f"go on after {counted(finished, 'finished shard')}" if finished else "make it"

@@ -136,7 +136,7 @@ def _generate_one(
         remote, work = Remote(place), upload.work_folder(place, spec.experiments[0])
         if not upload.is_there(remote, spec, work, overwrite):
             upload.drop_damaged(work, spec)
-            build = Build(work, spec, name=Path(remote.name))
+            build = Build(work, spec, name=remote.name)
             if not build.is_there():
                 _make(build, engine, progress)
             upload.upload(remote, work)
@@ -261,15 +261,15 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """
     refuse_url(folder)
     place = Path(folder)
-    begun = Build.begun(place)
-    if begun is not None:
+    if not existing_paths(resolved(place)):
+        begun = Build.begun(place)
+        if begun is None:
+            raise UsageError(
+                f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
+            )
         build, record = begun
         with build.open(record):
             build.publish(is_whole)
-    elif not existing_paths(resolved(place)):
-        raise UsageError(
-            f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
-        )
     dataset = Dataset(place)
-    refuse_damage(dataset.stored.manifest, partial(size_in, dataset.path), place)
+    refuse_damage(dataset.stored.manifest, partial(size_in, dataset.path), str(place))
     return dataset

@@ -11,10 +11,12 @@ from base64 import b64decode, b64encode
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, parse
 from ibdata.dataset.statistics import moments
-from ibdata.errors import UsageError, notice
+from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment import Experiment, self_check
 from ibdata.experiment.code import changed, names_of, record
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -68,8 +70,12 @@ class Record(JsonObject):
         write(run, NOTE, sealed(as_json(self)))
 
     def dataset_spec(self) -> DatasetSpec:
-        """The specification of what the run makes."""
-        return DatasetSpec.from_plain(self.spec, {name: b64decode(x) for name, x in self.weights.items()})
+        """The specification of what the run makes. Raises DatasetError if another ibdata began the run."""
+        weights = {name: b64decode(text) for name, text in self.weights.items()}
+        try:
+            return DatasetSpec.from_plain(self.spec, weights)
+        except ValidationError:
+            raise DatasetError("found an unfinished run of another ibdata; finish it with that") from None
 
     def makes(self) -> list[Any]:
         """What the run makes, whatever code makes it."""

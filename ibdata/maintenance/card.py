@@ -55,6 +55,7 @@ def card(folder: str | os.PathLike[str], overwrite: bool = False) -> list[Path]:
         why = f"{manifest.REPORT} is not written: {error}"
     own = {*texts.values(), card_of(dataset.stored, replace(spec, later={})), card_of(dataset.stored, spec)}
     with locked_part(resolved(path), path):
+        manifest.read(path)  # somebody may have moved the dataset away
         dataset.stored.refuse_replaced()
         for name in texts:
             _refuse_edited(path / name, own, overwrite)

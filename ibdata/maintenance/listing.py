@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.split_schemes import setpoints
 from ibdata.generation.record import Record
@@ -141,12 +142,12 @@ def _finished(path: Path) -> Listed:
 
 
 def _unfinished(target: Path, run: Path) -> Listed:
-    record = Record.read(run)
-    if record is None:
-        return Listed(target, "unfinished, damaged", None, None, [], [], _size(run), None)
-    done = len(existing_paths(run / RECEIPTS))
-    state = f"unfinished, {done} of {counted(record.shards, 'shard')}"
-    return _of(target, record.dataset_spec(), state, None, None, _size(run))
+    with suppress(DatasetError):
+        if record := Record.read(run):
+            done = len(existing_paths(run / RECEIPTS))
+            state = f"unfinished, {done} of {counted(record.shards, 'shard')}"
+            return _of(target, record.dataset_spec(), state, None, None, _size(run))
+    return Listed(target, "unfinished, damaged", None, None, [], [], _size(run), None)
 
 
 def _of(path: Path, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int) -> Listed:

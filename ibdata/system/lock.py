@@ -32,7 +32,7 @@ class Lock:
 
 @contextmanager
 def locked(
-    path: Path, patience: float = 0.0, *, shared: bool = False, place: Path | None = None
+    path: Path, patience: float = 0.0, *, shared: bool = False, place: str | os.PathLike[str] | None = None
 ) -> Iterator[Lock]:
     """Hold the lock of a file, which is made if it is missing, like its folder.
 
@@ -66,6 +66,8 @@ def _acquired(path: Path, kind: int, patience: float) -> int | None:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
         except FileNotFoundError:  # its folder was removed meanwhile
+            if path.parent.is_symlink():  # to nothing
+                raise
             continue
         try:
             got = _flock(path, descriptor, kind)

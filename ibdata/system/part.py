@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from ibdata.errors import BusyError, IbdataError, UsageError, is_thread_limit
+from ibdata.errors import IbdataError, UsageError, is_thread_limit
 from ibdata.system.files import part_of, paths_in, read_sealed, remove, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
@@ -126,11 +126,9 @@ class Part:
                 remove(path)
 
     def remove(self) -> None:
-        """Remove it, the lock last, so that nobody else begins before it is empty."""
+        """Remove what is in it, the lock last, so that nobody else begins before it is empty."""
         self.clear()
         (self.folder / LOCK).unlink(missing_ok=True)
-        with suppress(OSError):  # another process has begun
-            self.folder.rmdir()
 
 
 def existing_paths(folder: Path) -> list[Path]:
@@ -175,7 +173,7 @@ def locked_part(
         Interrupted: A signal asked to stop.
         IbdataError: The system refuses to write, or there is not enough memory.
     """
-    name, part = Path(place or target), Part(target)
+    name, part = os.fspath(place or target), Part(target)
     with refusals(name), stoppable(), _made_parents(target), ExitStack() as stack:
         part.lock = _lock(stack, part, name, shared, patience)
         try:
@@ -189,25 +187,19 @@ def locked_part(
                     part.remove()
 
 
-def _lock(stack: ExitStack, part: Part, name: Path, shared: bool, patience: float) -> Lock:
+def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float) -> Lock:
     if not part.is_own:
         raise UsageError(f"{part.folder}: found what ibdata did not make, expected nothing; move it away")
     if (part.folder / NOTE).exists():
         raise UsageError(
             f"{part.folder}: found an unfinished run of an older ibdata; finish it with that, or remove it"
         )
-    path = part.folder / LOCK
-    try:
-        return stack.enter_context(locked(path, max(patience, shared * PATIENCE), shared=shared, place=name))
-    except BaseException as error:
-        if not isinstance(error, BusyError):
-            with suppress(OSError):  # its folder is there already, or cannot be made
-                part.folder.rmdir()
-        raise
+    wait = PATIENCE if shared else patience
+    return stack.enter_context(locked(part.folder / LOCK, wait, shared=shared, place=name))
 
 
 @contextmanager
-def refusals(place: Path) -> Iterator[None]:
+def refusals(place: str | os.PathLike[str]) -> Iterator[None]:
     """Turn errors of the operating system into one line that names the place."""
     try:
         yield
@@ -227,7 +219,10 @@ def refusals(place: Path) -> Iterator[None]:
 
 @contextmanager
 def _made_parents(target: Path) -> Iterator[None]:
-    """Make the folders around a place; remove those that were missing and are empty afterwards."""
+    """Make the folders around a place; remove its part and those that were missing, if they are empty then.
+
+    The lock is open until then, and a network's file system keeps the name of an open file.
+    """
     missing = [folder for folder in target.parents if not folder.exists()]
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -235,6 +230,6 @@ def _made_parents(target: Path) -> Iterator[None]:
             sync_folder(folder.parent)
         yield
     finally:
-        for folder in missing:
+        for folder in (part_of(target), *missing):
             with suppress(OSError):  # it was not made, or is not empty
                 folder.rmdir()

@@ -208,7 +208,7 @@ def has_size(root: Path, written: WrittenShard) -> bool:
 def all_written(
     root: Path,
     shards: Sequence[Shard],
-    place: Path,
+    place: str | Path,
     remedy: str,
     is_right: Callable[[Path, WrittenShard], bool] = has_size,
 ) -> list[WrittenShard]:

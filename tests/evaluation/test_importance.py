@@ -339,10 +339,14 @@ def test_bad_arguments_are_named(dataset):
 def test_episodes_chosen_by_their_returns_are_refused(dataset):
     """The mean of the better half is not the policy's; further conditions do not change that."""
     best = dataset.select(returns=(float(np.median(dataset.episodes["return"])), None))
-    for chosen in (best, best.select(policy="random"), dataset.select("some", returns=(None, 0.0))):
+    for chosen in (best, best.select(policy="random"), best.select(returns=(None, 0.0))):
         with pytest.raises(UsageError, match=r"^returns: found episodes that were chosen by"):
             ibdata.importance(chosen, "random")
     ibdata.importance(dataset.select(episodes=range(40, 80)), "random")
+    everything = ibdata.importance(dataset.select(returns=(None, 0.0)), "random")
+    assert everything.plain() == ibdata.importance(dataset, "random").plain(), (
+        "limits that exclude nothing choose nothing"
+    )
 
 
 def test_episodes_of_different_lengths_are_refused(dataset, tmp_path):
