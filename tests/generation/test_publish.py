@@ -5,6 +5,7 @@ import shutil
 import stat
 from contextlib import suppress
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from helpers import python
@@ -12,8 +13,10 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right
 
 import ibdata
+from ibdata.cli import main
 from ibdata.errors import UsageError
 from ibdata.system import part
+from ibdata.system.files import read_sealed, sealed, write
 from ibdata.system.part import locked_part
 from ibdata.writing.finish import finish
 
@@ -218,3 +221,57 @@ def test_all_is_on_the_disk_before_it_is_published(events, tmp_path, out):
     last = {path: i for i, path in enumerate(before)}
     assert all(last[str(p.parent)] > last[str(p)] for p in moved if p != inner)
     assert ("sync", str(tmp_path)) in events[at:]
+
+
+def kill_if_published(self, real=part.Part.clear):
+    if self.receipts:
+        raise KeyboardInterrupt
+    real(self)
+
+
+@pytest.mark.parametrize("exchange", [True, False])
+@pytest.mark.parametrize("first", [True, False], ids=["new", "replaced"])
+def test_a_dataset_that_was_published_before_a_kill_may_be_moved_away(
+    tiny, files, monkeypatch, exchange, first
+):
+    """What it has replaced does not come back, and none of its shards are taken for those of the next run."""
+    if first:
+        shutil.rmtree("out")
+    if not exchange:
+        monkeypatch.setattr(part, "exchanged", lambda a, b: False)
+    with monkeypatch.context() as killed, suppress(KeyboardInterrupt):
+        killed.setattr(part.Part, "clear", kill_if_published)
+        replace()
+    Path("out").rename("aside")
+    assert part.Part(Path("out").absolute()).receipts
+    with locked_part(Path("out").absolute()):
+        assert not Path("out").exists()
+    ibdata.generate(TINY, "out", workers=1)
+    for name in ("aside", "out"):
+        assert is_right(name, tiny[0].path, files)
+    assert not Path(".out.part").exists()
+
+
+def test_finalize_opens_what_is_there_beside_a_run_that_was_stopped(tiny, files, monkeypatch):
+    with monkeypatch.context() as stopped:
+        stopped.setattr("ibdata.generation.build.finish", Mock(side_effect=OSError(28, "No space left")))
+        with pytest.raises(ibdata.IbdataError, match=r"^out: cannot be written: No space left$"):
+            replace()
+    assert ibdata.finalize("out").content_root == tiny[1].content_root
+    assert files("out") == files(tiny[1].path)
+    assert Path(".out.part").exists()
+
+
+def test_a_run_of_another_version_is_passed_over(tiny, files, capsys):
+    """Whose experiment this version does not read."""
+    shutil.rmtree("out")
+    ibdata.generate(TINY, "out", workers=1, shards="1/2")
+    (run,) = Path(".out.part").glob("*/run.json")
+    write(run.parent, run.name, sealed(read_sealed(run).replace(b'"random"', b'"wander"')))
+    with pytest.raises(SystemExit, match="^0$"):
+        main(["ls", "."])
+    assert "unfinished, damaged" in capsys.readouterr().out
+    with pytest.raises(UsageError, match=r"^out: holds no finished shard"):
+        ibdata.finalize("out")
+    ibdata.generate(TINY, "out", workers=1)
+    assert is_right("out", tiny[0].path, files)

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -208,3 +209,16 @@ def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied):
     assert contents(copied) == before
     with pytest.raises(DatasetError, match="no finished dataset here"):
         card(copied / "meta")
+
+
+def test_a_dataset_that_is_moved_away_meanwhile_gets_no_card(copied, monkeypatch):
+    @contextmanager
+    def moved(*arguments):
+        copied.rename(copied.with_name("aside"))
+        with locked_part(*arguments):
+            yield
+
+    monkeypatch.setattr("ibdata.maintenance.card.locked_part", moved)
+    with pytest.raises(DatasetError, match=r"^not a dataset|no dataset"):
+        card(copied)
+    assert not copied.exists()

@@ -109,3 +109,13 @@ def test_a_saved_network_of_one_setpoint_is_said(tmp_path, capsys):
     assert line.startswith("ibdata: actor.safetensors: setpoint 49: up to 1e+03 standard deviations from 50")
     ibdata.save_network(tmp_path / "actor.safetensors", vec_normalize(np.full(6, 25.0)))
     assert capsys.readouterr().err == ""
+
+
+def test_a_policy_that_saturates_at_one_setpoint_but_acts_at_others_has_no_note():
+    """A controller's actions at a setpoint far from others may be at their limits."""
+
+    def controller(seen):
+        error = seen[:, 1] - 50.0
+        return np.clip(np.stack([error * (seen[:, 0] < 80.0) + seen[:, 0]] * 3, axis=1) / 100.0, -1.0, 1.0)
+
+    assert notes(controller, [90.0]) == []

@@ -19,6 +19,7 @@ from ibdata.errors import BusyError, IbdataError
 from ibdata.generation import record
 from ibdata.maintenance.card import card
 from ibdata.system import part as parts
+from ibdata.system.lock import locked
 from ibdata.system.part import locked_part, refusals
 
 OTHER = TINY.model_copy(update={"seed": 1})
@@ -120,3 +121,9 @@ def test_a_limit_of_threads_is_a_refusal_of_the_system():
         raise RuntimeError("can't start new thread")
     with pytest.raises(RuntimeError, match="else"), refusals(Path("out")):
         raise RuntimeError("something else")
+
+
+def test_a_link_to_nothing_in_the_place_of_the_lock_s_folder_is_an_error(tmp_path):
+    (tmp_path / "link").symlink_to("nothing")
+    with pytest.raises(FileNotFoundError), locked(tmp_path / "link/lock"):
+        pass

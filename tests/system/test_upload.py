@@ -10,8 +10,9 @@ from helpers.folders import contents
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import IbdataError, Interrupted, UsageError
+from ibdata.errors import BusyError, IbdataError, Interrupted, UsageError
 from ibdata.generation import upload
+from ibdata.system.part import locked_part
 from ibdata.system.storage import Remote
 
 FILES = 12  # of the dataset
@@ -121,3 +122,13 @@ def test_what_a_url_cannot_do_is_refused(url, tmp_path):
     with pytest.raises(UsageError, match="lies within the dataset"):
         four_shards_at(f"file://{tmp_path}/there/data/in")
     assert not Path("there/data/in").exists()
+
+
+def test_of_two_uploads_at_once_one_waits(url, cache, is_whole):
+    """Neither removes what the other one uploads."""
+    target = cache / str(TINY.seed) / "dataset"
+    with locked_part(target), pytest.raises(BusyError, match=r"there: another process is writing here; wait"):
+        four_shards_at(url)
+    assert not Path("there").exists()
+    four_shards_at(url)
+    assert is_whole()
