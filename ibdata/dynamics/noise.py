@@ -1,15 +1,25 @@
-"""The noise of one step, in standard form, and how random integers become noise."""
+"""The noise of one step: how random integers become it, and the law of the next fatigue and consumption."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dynamics.fatigue import (
+    ALPHA_MEAN,
+    ALPHA_SD,
+    AMPLIFICATION,
+    AMPLIFICATION_MAX,
+    TOLERANCE,
+)
+from ibdata.dynamics.variants import Parameters
 from ibdata.numerics.compiled import compiled
 from ibdata.numerics.exact import exponential, normals
 from ibdata.numerics.random import Raw, uniform
+from ibdata.variables import AMPLIFICATION_START
 
 Floats = npt.NDArray[np.float64]
 
@@ -85,3 +95,112 @@ def drift_noise(raw: Raw, rows: Floats) -> None:
     for j in range(DRIFT_SLOTS):
         for i in range(raw.shape[1]):
             rows[DYNAMICS_SLOTS + j, i] = uniform(raw[j, i])
+
+
+SMALLEST = 1e-6  # effective value; the law is continuous, and a smaller one changes it by less
+PANELS, ORDER = 128, 2  # of the quadrature on [0, 1]: short intervals, since ∫ min(K, 1 - K) has a kink
+
+
+def squashed_exponential_cdf(x: Floats, k: Parameters) -> Floats:
+    """P(ηᵉ <= x) of ηᵉ = scale · (σ(mean · e) - shift), where e ~ Exp(1).
+
+        P(ηᵉ <= x) = 1 - ((1 - y) / y)^(1/mean), y = x / scale + shift in [½, 1]
+
+    Hein et al. 2017, section "Dynamics of fatigue"; see `squashed_exponential`.
+
+    >>> from ibdata.dynamics import SIEMENS
+    >>> squashed_exponential_cdf(np.array([-1.0, 0.0, 0.1, 1.0]), SIEMENS.parameters).round(4).tolist()
+    [0.0, 0.0, 0.8656, 1.0]
+    """
+    y = np.clip(x / k.eta_scale + k.eta_shift, 0.5, 1.0)
+    cdf: Floats = 1.0 - ((1.0 - y) / y) ** (1.0 / k.eta_mean)
+    return cdf
+
+
+def noise_component_cdf(x: Floats, effective: Floats, k: Parameters) -> Floats:
+    """P(η <= x) of η = ηᵉ + (1 - ηᵉ) · ηᵘ · ηᵇ · effective; see `mixed_noise`.
+
+    Without the event, η = ηᵉ. With it, 1 - η = (1 - ηᵉ) s, where s = 1 - effective · ηᵘ is uniform on
+    [1 - effective, 1]. So, with n = 1/mean and b = (1 - x) / scale, for a variant whose ηᵉ reaches 1,
+
+        P(η <= x) = ∫ (1 - (b / (s - b))ⁿ) ds / effective, over s from max(2 b, 1 - effective) to 1
+
+    Args:
+        x: In [0, 1], of a shape that broadcasts with the other.
+        effective: The effective value vᵉ or gᵉ, in [0, 1].
+        k: The variant; 1/eta_scale + eta_shift must be 1, as in both published ones.
+
+    >>> from ibdata.dynamics import SIEMENS
+    >>> noise_component_cdf(np.array([0.0, 0.5, 1.0]), np.array(0.8), SIEMENS.parameters).round(4).tolist()
+    [0.0, 0.6722, 1.0]
+    """
+    length = np.maximum(effective, SMALLEST)
+    n, b = 1.0 / k.eta_mean, np.minimum((1.0 - x) / k.eta_scale, 0.5)  # ½: x is at or below ηᵉ's range
+    first = np.clip(2.0 * b, 1.0 - length, 1.0)  # at s = 2 b, ηᵉ is at its least
+    with np.errstate(invalid="ignore"):  # 0 / 0 at x = effective = 1
+        low, high = (np.nan_to_num(b / (s - b)) for s in (1.0, first))
+    if n == 1.0:
+        below = b * np.log((1.0 - b) / np.maximum(first - b, np.finfo(float).tiny))
+    else:
+        below = b * (high ** (n - 1.0) - low ** (n - 1.0)) / (n - 1.0)
+    with_event = np.clip((1.0 - first - below) / length, 0.0, 1.0)
+    p = np.clip(effective, k.bernoulli_low, k.bernoulli_high)
+    cdf: Floats = (1.0 - p) * squashed_exponential_cdf(x, k) + p * with_event
+    return cdf
+
+
+def least_noise(mu: Floats, effective: Floats, k: Parameters) -> Floats:
+    """The least η at which the next μ reaches the threshold of α; ∞ if none does, -∞ if every one does.
+
+    The inverse of `update_mu`: μ' = 0.9 μ + η/3 >= threshold, but where μ' does not depend on η.
+
+    >>> from ibdata.dynamics import PAPER
+    >>> mu, effective = np.array([1.0, 1.2, 1.2]), np.array([0.5, 0.5, 0.01])
+    >>> least_noise(mu, effective, PAPER.parameters).round(6).tolist()
+    [0.9, -inf, inf]
+    """
+    fixed = np.where(effective <= TOLERANCE, effective, np.minimum(AMPLIFICATION_MAX, AMPLIFICATION * mu))
+    drawn = (effective > TOLERANCE) & (mu < AMPLIFICATION_START)
+    sure = np.where(fixed >= k.alpha_threshold, -np.inf, np.inf)
+    return np.where(drawn, 3.0 * (k.alpha_threshold - 0.9 * mu), sure)
+
+
+def amplification_cdf(
+    x: Floats, mu_v: Floats, mu_g: Floats, effective_v: Floats, effective_g: Floats, k: Parameters
+) -> Floats:
+    """P(α <= x) of the next α, given the last μ and the next effective values; see `amplification`.
+
+    With κᵛ and κᵍ of `least_noise`, and independent ηᵛ and ηᵍ,
+
+        P(α <= x) = P(ηᵛ <= min(x, κᵛ)) P(ηᵍ <= min(x, κᵍ))
+                    + (1 - P(ηᵛ < κᵛ) P(ηᵍ < κᵍ)) Φ((logit x - 2.4) / 0.4)
+
+    Args:
+        x: In (0, 1), (m,).
+        mu_v: μᵛ before the step (n,).
+        mu_g: μᵍ before the step (n,).
+        effective_v: vᵉ after the step (n,).
+        effective_g: gᵉ after the step (n,).
+        k: The variant.
+
+    Returns:
+        The probabilities (n, m).
+    """
+    below: Floats = np.ones((len(mu_v), len(x)))
+    both = np.ones((len(mu_v), 1))
+    for mu, effective in ((mu_v, effective_v[:, None]), (mu_g, effective_g[:, None])):
+        least = least_noise(mu, effective[:, 0], k)[:, None]
+        short = np.where(least < 0.0, 0.0, noise_component_cdf(np.clip(least, 0.0, 1.0), effective, k))
+        both = both * short
+        below *= np.minimum(noise_component_cdf(x, effective, k), short)
+    z = (np.log(x / (1.0 - x)) - ALPHA_MEAN) / ALPHA_SD
+    bifurcated = np.array([0.5 * math.erfc(-each / math.sqrt(2.0)) for each in z.tolist()])
+    cdf: Floats = below + (1.0 - both) * bifurcated
+    return cdf
+
+
+def quadrature() -> tuple[Floats, Floats]:
+    """Points in (0, 1) and weights: the Gauss-Legendre rule in each of several intervals, (m,) each."""
+    points, weights = np.polynomial.legendre.leggauss(ORDER)
+    starts = np.arange(PANELS)[:, None]
+    return ((starts + (points + 1.0) / 2.0) / PANELS).ravel(), np.tile(weights / 2.0 / PANELS, PANELS)

@@ -20,11 +20,10 @@ from ibdata.policies import OBSERVATION, Needs
 from ibdata.policies.actions import Action, applied
 from ibdata.simulation import kernel
 from ibdata.simulation.carry import Carry, begin_lanes
-from ibdata.simulation.episodes import Draw
-from ibdata.simulation.variables import hidden, observed_rows, record_rows, values_of
+from ibdata.simulation.episodes import Draw, hidden, observed_rows, record_rows, values_of
 from ibdata.variables import FIRST_WHOLE, ROWS, VARIABLES, variable_of
+from ibdata.views.options import Window
 from ibdata.views.rewards import scaled
-from ibdata.views.window import Window
 
 Indices = npt.NDArray[np.int64]
 Float32s = npt.NDArray[np.float32]

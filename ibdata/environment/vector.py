@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.arguments import public
-from ibdata.dataset.selection import checked_length
+from ibdata.dataset.selection import checked_length, within
 from ibdata.dynamics import State
 from ibdata.environment import STEPS
 from ibdata.environment.actions import continuous_actions, discrete_actions
@@ -20,7 +20,6 @@ from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams, refuse_negative
 from ibdata.errors import UsageError, excerpt
 from ibdata.numerics.random import Raw
-from ibdata.numerics.whole_numbers import within
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip

@@ -16,7 +16,7 @@ from ibdata.dataset.episodes import refuse_by_returns
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns
 from ibdata.dynamics import Noise, State, Variant, step
-from ibdata.dynamics.noise_law import amplification_cdf, quadrature
+from ibdata.dynamics.noise import amplification_cdf, quadrature
 from ibdata.dynamics.state import NO_DRIFT
 from ibdata.errors import UsageError
 from ibdata.evaluation.states import Source
@@ -73,7 +73,7 @@ def noise_floor(
     Their law is known:
 
         c ~ N(ĉ, (1 + k ĉ)²)
-        f = f_b (1 + 2 α)/3, where P(α <= x) is `ibdata.dynamics.noise_law.amplification_cdf`
+        f = f_b (1 + 2 α)/3, where P(α <= x) is `ibdata.dynamics.noise.amplification_cdf`
 
     with ĉ and f_b of the next state. The states are simulated again from the random numbers' addresses, so
     the dataset needs no latent columns; moments of α are computed by quadrature. Where the setpoint moves,

@@ -19,14 +19,12 @@ from ibdata.policies.live import Live, without_runs
 from ibdata.policies.scaling import setpoint_notes
 from ibdata.policies.user_object import clipping_notes
 from ibdata.simulation.carry import Carry, begin
-from ibdata.simulation.episodes import Episodes, Ints
+from ibdata.simulation.episodes import Episodes, Ints, observed_rows, record_rows, values_of
 from ibdata.simulation.unroll import LANES, Block, unroll
-from ibdata.simulation.variables import observed_rows, record_rows, values_of
 from ibdata.system.progress import Advance, unseen
 from ibdata.variables import variable_of
-from ibdata.views.options import OBSERVED, PLAIN, ViewOptions
+from ibdata.views.options import OBSERVED, PLAIN, ViewOptions, Window
 from ibdata.views.rewards import COSTS
-from ibdata.views.window import Window
 
 Floats = npt.NDArray[np.float64]
 

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.dataset.dataset import Place, opened
+from ibdata.dataset.selection import whole
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.noise_floor import QUANTITIES, NoiseFloor, noise_floor
-from ibdata.numerics.whole_numbers import whole
 from ibdata.policies.checked import AnswerError, numbers
 
 Floats = npt.NDArray[np.float64]

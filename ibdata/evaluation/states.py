@@ -9,6 +9,7 @@ import numpy as np
 
 from ibdata.arguments import public
 from ibdata.dataset.dataset import Place, whole_dataset
+from ibdata.dataset.selection import whole, within
 from ibdata.dataset.stored import Stored
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError, excerpt
@@ -16,13 +17,11 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.rollout import PART_ROWS, episodes_of, write_columns
-from ibdata.numerics.whole_numbers import whole, within
 from ibdata.policies import Policy
 from ibdata.policies.baselines import Constant
 from ibdata.simulation.carry import Carry, begin
-from ibdata.simulation.episodes import Float32s, Ints
+from ibdata.simulation.episodes import Float32s, Ints, Table
 from ibdata.simulation.unroll import unroll
-from ibdata.simulation.variables import Table
 from ibdata.writing.finish import refuse_other_plan
 
 

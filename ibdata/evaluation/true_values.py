@@ -23,9 +23,8 @@ from ibdata.policies import Policy
 from ibdata.policies.actions import clip_and_round
 from ibdata.policies.live import without_runs
 from ibdata.simulation.carry import Carry
-from ibdata.simulation.episodes import Episodes, Float32s, Ints
+from ibdata.simulation.episodes import Episodes, Float32s, Ints, record_rows
 from ibdata.simulation.unroll import LANES, unroll
-from ibdata.simulation.variables import record_rows
 from ibdata.system.memory import refuse_too_much
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ibdata.experiment import Experiment
 from ibdata.policies import OBSERVATION
-from ibdata.simulation.variables import hidden, record_rows
+from ibdata.simulation.episodes import hidden, record_rows
 from ibdata.variables import VARIABLES, of_role
 
 

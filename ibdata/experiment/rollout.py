@@ -14,10 +14,9 @@ from ibdata.policies.compound import PolicyMixture
 from ibdata.policies.distributions import Distribution
 from ibdata.simulation import kernel
 from ibdata.simulation.carry import begin
-from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
+from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, Table, draw_uniforms
 from ibdata.simulation.replay import replay
 from ibdata.simulation.unroll import LANES, Block, unroll
-from ibdata.simulation.variables import Table
 
 LEAST_LANES = 64
 # Rows of a table. One table is encoded while the next is filled.

@@ -26,7 +26,7 @@ from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.simulation.variables import Table
+from ibdata.simulation.episodes import Table
 from ibdata.system.files import FileEntry, file_sha256, new_file, read_sealed, sealed, write_new
 from ibdata.system.part import RECEIPTS
 from ibdata.system.signals import held

@@ -7,7 +7,7 @@ import pytest
 from helpers import FULL
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
-from ibdata.dynamics.noise_law import (
+from ibdata.dynamics.noise import (
     amplification_cdf,
     least_noise,
     noise_component_cdf,

@@ -17,7 +17,7 @@ from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import UsageError
 from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies import OBSERVATION
-from ibdata.simulation.variables import hidden as hidden_variables
+from ibdata.simulation.episodes import hidden as hidden_variables
 
 
 class Tape:

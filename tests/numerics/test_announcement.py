@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ibdata.numerics import code_cache
+from ibdata.numerics import compiled
 from ibdata.system.cache_folders import CacheFolders
 
 ONCE = "ibdata: compiling the simulator; this happens once and takes about 10 seconds\n"
@@ -13,13 +13,13 @@ ONCE = "ibdata: compiling the simulator; this happens once and takes about 10 se
 @pytest.fixture(autouse=True)
 def places(monkeypatch, tmp_path):
     found = [CacheFolders((str(tmp_path),), True)]
-    monkeypatch.setattr(code_cache, "cache_folders", lambda: found[0])
+    monkeypatch.setattr(compiled, "cache_folders", lambda: found[0])
     return found
 
 
 def test_all_that_a_process_compiles_is_one_line(capsys):
     """Functions that are compiled for another one are no news either."""
-    said = code_cache.Announcement()
+    said = compiled.Announcement()
     for _ in range(3):
         said.begin("ibdata.dynamics.step")
         said.begin("ibdata.dynamics.step")  # for the first
@@ -32,7 +32,7 @@ def test_what_a_later_process_compiles_is_a_part(tmp_path, capsys):
     """It takes less time."""
     (tmp_path / "numba").mkdir()
     (tmp_path / "numba/x.nbc").touch()
-    code_cache.Announcement().begin("ibdata.policies.network")
+    compiled.Announcement().begin("ibdata.policies.network")
     said = "ibdata: compiling ibdata.policies.network, which was not used before; this takes a few seconds\n"
     assert capsys.readouterr().err == said
 
@@ -40,14 +40,14 @@ def test_what_a_later_process_compiles_is_a_part(tmp_path, capsys):
 def test_without_a_cache_folder_the_line_says_why(places, capsys):
     """It happens in every run then."""
     places[0] = places[0]._replace(lasting=False)
-    code_cache.Announcement().begin("ibdata.policies.network")
+    compiled.Announcement().begin("ibdata.policies.network")
     assert "in every run, because no cache folder can be written to" in capsys.readouterr().err
 
 
 def test_a_terminal_shows_how_many_are_compiled(monkeypatch, capsys):
     """So the line is free again for what is printed next."""
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    said = code_cache.Announcement()
+    said = compiled.Announcement()
     said.begin("ibdata.dynamics.step")
     said.begin("ibdata.dynamics.step")
     said.end()

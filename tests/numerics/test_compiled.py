@@ -85,7 +85,7 @@ def test_a_number_of_another_module_counts(tmp_path, copy):
     assert run(script, package=copy, IBDATA_CACHE_DIR=tmp_path / "c") == ("True", True)
     users = [p for p in (copy / "ibdata/dynamics").glob("*.py") if "numerics.exact import" in p.read_text()]
     name = f"ibdata.dynamics.{users[0].stem}"
-    look = f"import {name}; from ibdata.numerics.code_cache import _hash; print(_hash('{name}'))"
+    look = f"import {name}; from ibdata.numerics.compiled import _hash; print(_hash('{name}'))"
     before = run(look, package=copy)
     with (copy / "ibdata/numerics/exact.py").open("a") as file:
         file.write("\nONE_MORE = 7.0\n")

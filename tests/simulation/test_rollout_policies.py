@@ -15,8 +15,8 @@ from ibdata.experiment.rollout import episodes_of, rollout
 from ibdata.policies import Decision, Distribution, Policy
 from ibdata.policies.baselines import OBSERVATION_MEAN, OBSERVATION_STD
 from ibdata.simulation.carry import begin
+from ibdata.simulation.episodes import record_rows
 from ibdata.simulation.unroll import unroll
-from ibdata.simulation.variables import record_rows
 
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
 STEPS = 30

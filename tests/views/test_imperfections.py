@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ibdata.views.imperfections import Measurement, imperfections_of
-from ibdata.views.options import view_options
-from ibdata.views.window import Window
+from ibdata.views.options import Window, view_options
 
 COLUMNS = ("obs_velocity", "obs_fatigue", "latent_mu_v")
 CLEAN = np.random.default_rng(1).normal(50, 20, (400, 3)).astype(np.float32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ibdata.errors import UsageError
-from ibdata.simulation.variables import hidden
+from ibdata.simulation.episodes import hidden
 from ibdata.variables import of_role
 from ibdata.views.options import OBSERVED, bounds_of, view_options
 from ibdata.views.rewards import reward_of

@@ -7,7 +7,7 @@ import pytest
 import ibdata
 from ibdata.environment import IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv
 from ibdata.policies import OBSERVATION
-from ibdata.simulation.variables import hidden
+from ibdata.simulation.episodes import hidden
 
 ID = "ibdata/IndustrialBenchmark-v0"
 CASES = {
