@@ -61,16 +61,18 @@ def core(session: nox.Session, oldest: bool) -> None:
     session.run("python", "-m", "pytest", *arguments, env=CLEAN)
 
 
-def newest_python() -> str | None:
-    """The newest Python that pyproject.toml names and this machine has, on the PATH or in pyenv."""
+def pythons(lowest: str) -> list[str]:
+    """One Python of each version that pyproject.toml names and this machine has, on the PATH or in pyenv."""
     versions = re.findall(r":: (3\.\d+)", Path("pyproject.toml").read_text())
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv", "versions")
-    for version in reversed(versions[versions.index(NEW) :]):
-        for path in (f"python{version}", *sorted(pyenv.glob(f"{version}.*/bin/python"))):
+    found = []
+    for version in versions[versions.index(lowest) :]:
+        for path in (f"python{version}", *map(str, sorted(pyenv.glob(f"{version}.*/bin/python")))):
             # pyenv has a command for each Python, and most of them say only that it is not chosen
             if shutil.which(path) and subprocess.run([path, "-c", ""], capture_output=True).returncode == 0:
-                return str(path)
-    return None
+                found.append(path)
+                break
+    return found
 
 
 def newest(session: nox.Session) -> None:
@@ -81,12 +83,12 @@ def newest(session: nox.Session) -> None:
 
 
 nox.session(partial(core, oldest=True), name="oldest")
-nox.session(newest, python=newest_python())
+nox.session(newest, python=next(reversed(pythons(NEW)), None))
 
 
 @nox.session
 def build(session: nox.Session) -> None:
-    """Make the wheel and the sdist of the last commit, and run the README's lines from each alone."""
+    """Make the wheel and the sdist of the last commit, and run the README from each on all Pythons."""
     out = Path(*(session.posargs or ["dist"])).resolve()
     session.install("--requirement", "scripts/build.txt")
     session.run("cffconvert", "--validate")
@@ -97,21 +99,23 @@ def build(session: nox.Session) -> None:
         session.run("python", "-m", "build", "--no-isolation", str(source), "--outdir", str(made))
         files = sorted(made.iterdir())
         session.run("twine", "check", "--strict", *map(str, files))
-        for file in files:
-            run_readme(session, file, Path(folder, file.suffix))
+        for number, python in enumerate(pythons("3.10")):
+            for file in files:
+                run_readme(session, file, python, Path(folder, f"{number}{file.suffix}"))
         out.mkdir(parents=True, exist_ok=True)
         for file in files:
             session.log(shutil.copy(file, out))
 
 
-def run_readme(session: nox.Session, file: Path, folder: Path) -> None:
+def run_readme(session: nox.Session, file: Path, python: str, folder: Path) -> None:
     """Install a file into an empty environment, and run there what the README shows."""
     lines = Path("README.md").read_text(encoding="utf-8").split("## Your own\n")[1].split("\n## ")[0]
     guide, venv = Path("scripts/guide").resolve(), folder / "venv"
-    session.run("python", "-m", "venv", str(venv))
+    session.run(python, "-m", "venv", str(venv), external=True)
     session.run(str(venv / "bin/pip"), "install", "--quiet", str(file), external=True)
     (folder / "page.md").write_text(lines, encoding="utf-8")
     with session.chdir(folder):
         env = {**CLEAN, "IBDATA_CACHE_DIR": str(folder / "cache")}
         session.run("venv/bin/ibdata", "generate", "--config", "random.yaml", external=True, env=env)
         session.run("venv/bin/python", str(guide), "page.md", external=True, env=env)
+    shutil.rmtree(folder)  # 0.6 GB each

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import re
+import runpy
+import subprocess
+import sys
+from types import SimpleNamespace
 
 import pytest
 from helpers import ROOT
@@ -22,6 +26,21 @@ def test_the_citation_names_this_version_and_the_authors():
     assert 'authors = [{ name = "The ibdata developers" }]' in PROJECT
     assert citation["license"] == "MIT"
     assert citation["references"][0]["doi"] in (ROOT / "docs/errata.md").read_text(encoding="utf-8")
+
+
+def test_the_address_stands_in_one_place_and_makes_links_absolute(monkeypatch):
+    """Without it, the package's README has no links to the project's files; CITATION.cff names the same."""
+    interface = SimpleNamespace(MetadataHookInterface=object)
+    monkeypatch.setitem(sys.modules, "hatchling.metadata.plugin.interface", interface)
+    absolute = runpy.run_path(str(ROOT / "hatch_build.py"))["absolute"]
+    text = "![a b](docs/p.png) [c](docs/c.md#d) [e](https://f) [`g`[0]](h)"
+    assert absolute(text, "") == " c [e](https://f) `g`[0]"
+    at = "https://host/ibdata"
+    shown = f"![a b]({at}/raw/HEAD/docs/p.png) [c]({at}/blob/HEAD/docs/c.md#d) [e](https://f) "
+    shown += f"[`g`[0]]({at}/blob/HEAD/h)"
+    assert absolute(text, at) == shown
+    (address,) = re.findall(r'^address = "(.*?)"', PROJECT, re.MULTILINE)
+    assert YAML(typ="safe").load(ROOT / "CITATION.cff").get("repository-code", "") == address
 
 
 def test_the_changelog_begins_with_this_version():
@@ -76,3 +95,18 @@ def test_a_bridge_is_made_of_extras_and_pins(path):
     assert set(re.fullmatch(r"\.\[(.+)\]", project)[1].split(",")) <= set(extras)
     assert pins
     assert all(re.fullmatch(r"(--no-deps )?[\w.-]+==[\w.]+", pin) for pin in pins)
+
+
+@pytest.mark.slow
+def test_the_sets_of_the_hub_are_those_of_the_canonical_roots(tmp_path):
+    lines = subprocess.run(
+        [sys.executable, ROOT / "scripts/hub", "me", "--folder", tmp_path, "--dry-run"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    assert [line.partition(":")[0] for line in lines] == [
+        "me/ibdata-random", "me/ibdata-transfer", "me/ibdata-d4rl-like-medium",
+    ]  # fmt: skip
+    text = (tmp_path / "random/README.md").read_text(encoding="utf-8")
+    assert "nobody needs to download it;\nof a copy, `ibdata validate .` compares every row" in text
