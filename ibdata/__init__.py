@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.evaluation.baselines import baselines as baselines
     from ibdata.evaluation.importance import importance as importance
     from ibdata.evaluation.noise_floor import noise_floor as noise_floor
+    from ibdata.evaluation.rollouts import rollouts as rollouts
     from ibdata.evaluation.score_model import score_model as score_model
     from ibdata.evaluation.states import state_at as state_at
     from ibdata.evaluation.true_values import true_values as true_values
@@ -53,6 +54,7 @@ _MODULES = {
     "quality": "measures",
     "repair": "maintenance.repair",
     "reproduce": "maintenance.reproduce",
+    "rollouts": "evaluation.rollouts",
     "save_network": "policies.save_network",
     "score_model": "evaluation.score_model",
     "split": "maintenance.split",

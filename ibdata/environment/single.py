@@ -112,6 +112,11 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         self._replayed = None
         return self._begin()
 
+    @property
+    def state(self) -> State:
+        """A copy of the exact state, of one lane; `set_state` and `ibdata.rollouts` take it."""
+        return self._lane.carry.state.take(self._lane.everyone)
+
     def _begin(self) -> tuple[Observation, dict[str, Any]]:
         self._began, self._seen = True, []
         if self.render_mode is not None:

@@ -161,6 +161,11 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         self._began(which)
         return self._simulation.observations(), self._info(np.isin(self._simulation.everyone, which))
 
+    @property
+    def state(self) -> State:
+        """A copy of the exact states, of all lanes; `set_state` and `ibdata.rollouts` take it."""
+        return self._simulation.carry.state.take(self._simulation.everyone)
+
     def _mask(self, mask: Any) -> Flags:
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)

@@ -117,7 +117,7 @@ def returns_of(
     kept = 1 if view.reward.kind == "classic" else len(COSTS)
     for block in blocks:
         clipped += block.clipped
-        for reward in _rewards(block.record[:kept], view):
+        for reward in rewards_of(block.record[:kept], view):
             discounted = discounted + weight * reward
             undiscounted = undiscounted + reward
             weight *= discount
@@ -185,7 +185,7 @@ def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[O
     return observe
 
 
-def _rewards(record: Floats, view: ViewOptions) -> Floats:
+def rewards_of(record: Floats, view: ViewOptions) -> Floats:
     """The rewards (steps, n), from recorded rewards or costs (1 or 2, steps + 1, n)."""
     if len(record) == 1:
         rewards: Floats = record[0, 1:]

@@ -1,0 +1,238 @@
+"""Hypothetical rollouts: sequences of actions played from any state, with fresh or with recorded noise."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata.arguments import public
+from ibdata.dataset.dataset import whole_dataset
+from ibdata.dynamics import State
+from ibdata.dynamics.state import checked_state
+from ibdata.errors import UsageError, excerpt
+from ibdata.evaluation.play import rewarded, rewards_of
+from ibdata.evaluation.states import Source
+from ibdata.experiment.rollout import episodes_of
+from ibdata.experiment.scenario import form_digest, scenario_of
+from ibdata.numerics.random import Purpose, Raw, integers, stream_key
+from ibdata.policies.actions import clip_and_round
+from ibdata.policies.baselines import Constant
+from ibdata.simulation.carry import Carry, begin_lanes
+from ibdata.simulation.episodes import Episodes, Float32s, Ints, World, observed_rows, record_rows, values_of
+from ibdata.simulation.unroll import LANES, unroll
+from ibdata.system.memory import refuse_too_much
+from ibdata.views.options import View, ViewOptions, Window, view_of
+from ibdata.views.rewards import scaled
+
+RECORDED = "recorded"
+WATCHER = Constant()  # a policy that is never asked, since all actions are given
+
+
+class Rollouts(NamedTuple):
+    """What n starts, k sequences of h actions and some samples of the noise gave.
+
+    `state` has n · k · samples lanes, in the order of the arrays, from which further rollouts go on.
+    """
+
+    rewards: Float32s  # (n, k, samples, h)
+    observations: Float32s  # (n, k, samples, h, columns), after each action
+    state: State
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Noisy(Episodes):
+    """Episodes whose noise goes on from a step of their own; equal lanes of `unit` share it."""
+
+    first_step: Ints  # (units,)
+    unit: Ints  # (n,): which of the addresses (units,) a lane has
+
+    def __len__(self) -> int:
+        return len(self.unit)
+
+    def draw(self, lanes: Ints, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
+        """The integers (steps, slots, lanes) at the addresses of these lanes."""
+        units, lane_units = np.unique(self.unit[lanes], return_inverse=True)
+        out = np.empty((steps, slots, len(units)), dtype=np.uint64)
+        for first in np.unique(self.first_step[units]).tolist():
+            here = np.flatnonzero(self.first_step[units] == first)
+            out[:, :, here] = super().draw(units[here], purpose, first + step, steps, slots)
+        return out if len(units) == len(lanes) else out[:, :, lane_units]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Begun:
+    """m starts of one world: their numbers, where they are, and the addresses of their noise."""
+
+    world: World
+    numbers: Ints  # (m,), among all starts
+    carry: Carry
+    keys: Raw  # (m, 2)
+    index: Ints  # (m,)
+    first_step: Ints  # (m,)
+
+
+@public
+def rollouts(
+    start: Any,
+    actions: npt.ArrayLike,
+    *,
+    rows: Any = None,
+    samples: int = 1,
+    noise: int | str = 0,
+    view: View = None,
+) -> Rollouts:
+    """Play sequences of actions from any state: what would have happened.
+
+    The noise of a sample is the same for all k sequences from a start, so their differences are paired. It is
+    independent between starts and between samples, and the same call gives the same bits.
+
+    Args:
+        start: The n starts. Either a dataset, its folder or URL, with `rows`; or a `State` of n lanes, as of
+            `ibdata.state_at`, of an environment's `state` or of earlier rollouts; or the settings of one
+            start for each setpoint, such as {"setpoint": 70, "start": "uniform", "dynamics": "paper"}. A
+            state has the dynamics `siemens`; ("paper", state) has others.
+        actions: (k, h, 3) for all starts, or (n, k, h, 3); clipped to [-1, 1] and rounded to float32.
+        rows: The rows of the dataset before whose actions the rollouts start, as in `state_at`.
+        samples: How often each sequence is played, each time with other noise.
+        noise: The seed of the noise; or "recorded", the noise of the dataset's own episodes. With it, the
+            actions of a row give the row that follows, bit for bit, and other actions the counterfactual.
+        view: What is observed and rewarded, as the options of a view (docs/views.md).
+
+    Returns:
+        Rewards (n, k, samples, h), observations (n, k, samples, h, columns), and the last states.
+
+    Raises:
+        UsageError, ConfigError: An argument is invalid, or the dataset has no such row.
+        DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
+    """
+    options = view_of(view)
+    if samples < 1:
+        raise UsageError(f"samples: found {samples}, expected at least 1")
+    if isinstance(noise, str) and (noise != RECORDED or rows is None or samples != 1):
+        raise UsageError(
+            f"noise: found {noise!r}, expected a seed, or 'recorded' with rows of a dataset and one sample"
+        )
+    begun = list(_begun(start, rows, noise))
+    n, drifting = sum(len(part.numbers) for part in begun), begun[0].world.drifting
+    if any(part.world.drifting != drifting for part in begun):
+        raise UsageError("rows: found constant and moving setpoints, expected rows of one kind")
+    played = _applied(actions, n)
+    k, h = played.shape[1:3]
+    shape, columns = (n, k, samples, h), len(options.frame(drifting))
+    refuse_too_much("samples", 4 * n * k * samples * h * (1 + columns))
+    out = Rollouts(
+        np.empty(shape, np.float32), np.empty((*shape, columns), np.float32), State.zeros(n * k * samples)
+    )
+    for part in begun:
+        _play(part, played, samples, options, out)
+    return out
+
+
+def _begun(start: Any, rows: Any, noise: int | str) -> Iterator[Begun]:
+    """The starts, those of one experiment together."""
+    seed = 0 if isinstance(noise, str) else scenario_of(seed=noise).seed
+    key = stream_key(seed, form_digest({"label": "rollout"}))
+    dynamics, state = start if isinstance(start, tuple) and len(start) == 2 else ("siemens", start)
+    if rows is not None:
+        source = Source(whole_dataset(start).stored)
+        episodes, steps = source.episodes_and_steps(rows)
+        carry = source.carries_at(episodes, steps, WATCHER)
+        for experiment, positions, inner in source.by_experiment(episodes):
+            recorded, world = episodes_of(experiment, inner), experiment.scenario.world
+            keys, index, first = recorded.keys, recorded.index, steps[positions]
+            if noise != RECORDED:
+                keys, index, first = np.tile(key, (len(inner), 1)), positions, np.zeros_like(positions)
+            yield Begun(world, positions, carry.take(positions), keys, index, first)
+        return
+    if isinstance(state, State):
+        try:
+            state = checked_state(state)
+        except ValueError as error:
+            raise UsageError(f"start: {str(error).removeprefix('step: ')}") from None
+        moves = state.drift_left >= 0
+        if moves.any() != moves.all():
+            raise UsageError("start: found constant and moving setpoints, expected states of one kind")
+        world = dataclasses.replace(scenario_of(dynamics=dynamics).world, drifting=bool(moves.any()))
+        carry = Carry.at(state, WATCHER.needs)
+    elif isinstance(start, Mapping):
+        scenario = scenario_of(**start)
+        world, setpoints = scenario.world, np.array(scenario.points)
+        lanes = np.arange(len(setpoints))
+        draw = partial(_addressed, np.tile(key, (len(lanes), 1)))
+        carry = begin_lanes(world, draw, lanes, setpoints, WATCHER.needs)
+    else:
+        raise UsageError(
+            f"start: found {excerpt(start)}, expected a dataset with rows=, a State, or settings such as "
+            "{'setpoint': 70}"
+        )
+    numbers = np.arange(carry.state.lanes)
+    yield Begun(world, numbers, carry, np.tile(key, (len(numbers), 1)), numbers, np.zeros_like(numbers))
+
+
+def _addressed(keys: Raw, lanes: Ints, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
+    return integers(keys[lanes], lanes, purpose, step, steps, slots)
+
+
+def _play(begun: Begun, actions: Float32s, samples: int, view: ViewOptions, out: Rollouts) -> None:
+    """Play all sequences (n, k, h, 3) from some starts; those of a sample are neighbours, for their noise."""
+    k, h, drifting = actions.shape[1], actions.shape[2], begun.world.drifting
+    paid = record_rows(rewarded(dataclasses.replace(view, cost=None)))
+    seen = observed_rows(view, drifting)
+    index = (begun.index[:, None] * samples + np.arange(samples)).ravel()
+    of_unit = np.repeat(np.arange(len(begun.numbers)), samples)
+    total = len(of_unit) * k
+    for first in range(0, total, LANES):
+        unit, sequence = np.divmod(np.arange(first, min(first + LANES, total)), k)
+        starts, sample = begun.numbers[of_unit[unit]], unit % samples
+        lanes = Noisy(
+            begun.world, WATCHER, WATCHER.label,
+            keys=begun.keys[of_unit], policy_keys=begun.keys[of_unit], index=index,
+            setpoint=begun.carry.state.setpoint[of_unit], number=starts,
+            first_step=begun.first_step[of_unit], unit=unit,
+        )  # fmt: skip
+        carry = begun.carry.take(of_unit[unit])
+        numbers = np.ravel_multi_index((starts, sequence, sample), out.rewards.shape[:3])
+        window = Window(view, drifting, len(unit), 1) if view.imperfections or view.actions else None
+        if window is not None:
+            window.begin(lanes.lanes, values_of(carry.state, seen), numbers)
+        recorded = np.ascontiguousarray(actions[starts, sequence].transpose(1, 0, 2))
+        for block in unroll(lanes, carry, np.concatenate([paid, seen]), h, recorded=recorded):
+            here = (starts, sequence, sample, slice(block.first, block.stop))
+            rewards = scaled(rewards_of(block.record[: len(paid)], view), view.reward_scale)
+            out.rewards[here] = rewards.T
+            clean = (block.record[len(paid) :, 1:].T + 0.0).astype(np.float32)  # (lanes, steps, columns)
+            out.observations[here] = clean if window is None else _frames(window, clean, block.actions)
+        out.state.put(numbers, carry.state)
+
+
+def _frames(window: Window, clean: Float32s, actions: Float32s) -> Float32s:
+    """The frames (lanes, steps, columns) that follow actions (steps, lanes, 3), from the true values."""
+    frames, everyone = [], np.arange(len(clean))
+    for t, taken in enumerate(actions):
+        window.push(everyone, clean[:, t], taken)
+        frames.append(window.frames[:, 0].copy())
+    return np.stack(frames, axis=1)
+
+
+def _applied(actions: npt.ArrayLike, n: int) -> Float32s:
+    """Sequences of actions (n, k, h, 3), clipped and rounded. Raises UsageError if they are none."""
+    try:
+        proposed = np.array(actions, dtype=np.float64)
+    except (TypeError, ValueError):
+        proposed = np.empty(0)
+    if proposed.ndim == 3:
+        proposed = np.broadcast_to(proposed, (n, *proposed.shape))
+    out = np.empty(proposed.shape, dtype=np.float32)
+    shape: tuple[int, ...] = out.shape
+    fits = len(shape) == 4 and shape[0] == n and shape[-1] == 3 and out.size > 0
+    if not fits or clip_and_round(np.ascontiguousarray(proposed).reshape(-1, 3), out.reshape(-1, 3)) < 0:
+        raise UsageError(
+            f"actions: found {excerpt(actions, 80)}, expected (k, h, 3) or ({n}, k, h, 3) finite numbers: "
+            "sequences of changes of velocity, gain and shift in [-1, 1]"
+        )
+    return out
