@@ -7,7 +7,6 @@ import pytest
 
 from ibdata.dynamics import Noise, initial_state, step
 from ibdata.measures import (
-    LEAST_ROWS,
     PAIRS,
     STATES,
     Coverage,
@@ -68,12 +67,6 @@ def test_it_is_the_mean_standard_deviation_of_the_cells():
     found.add(np.full(20, 8), np.full((20, 3), 0.25))
     in_cell_3 = np.sqrt(10 / 9) / 3  # of velocity, gain and shift: √(10/9), 0, 0
     assert found.value == pytest.approx(in_cell_3 * 10 / 30)
-
-
-def test_cells_with_few_rows_do_not_count():
-    found = Stochasticity()
-    found.add(np.full(LEAST_ROWS - 1, 5), np.ones((LEAST_ROWS - 1, 3)))
-    assert found.value is None
 
 
 def test_entropy_is_the_mean_of_minus_the_log_density():

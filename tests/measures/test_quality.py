@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import ibdata
 import ibdata.measures as module
-from ibdata.cli.read import stats_command as command
 from ibdata.errors import UsageError
 from ibdata.measures import pair_numbers, state_numbers
 
@@ -65,25 +61,3 @@ def test_splits_and_selections_are_those_of_the_reader(dataset):
         ibdata.quality(dataset, "source", setpoint=70)
     with pytest.raises(UsageError, match="expected one of source, target"):
         ibdata.quality(dataset, "nope")
-
-
-def test_what_is_not_known_has_no_value(describe, tmp_path):
-    experiment = describe(policies=[{"kind": "coloured_noise"}], setpoints={"drifting": [50]})
-    found = ibdata.quality(ibdata.generate(experiment, tmp_path / "made", workers=1))
-    assert found.action_entropy is found.trajectory_quality is None
-
-
-def test_it_shows_and_converts(dataset):
-    found = ibdata.quality(dataset)
-    frame = found.to_pandas()
-    assert list(frame["measure"]) == [name.replace("_", " ") for name in module.MEANING]
-    assert frame["value"][2] == found.state_action_coverage
-    assert "480 rows in 12 episodes" in repr(found)
-    assert json.loads(json.dumps(found.plain()))["trajectory_quality"] is None
-
-
-def test_stats_prints_it(dataset):
-    text = CliRunner().invoke(command, [str(dataset.path), "--quality"], catch_exceptions=False).stdout
-    assert text == f"{ibdata.quality(dataset)!r}\n"
-    run = CliRunner().invoke(command, [str(dataset.path), "--quality", "--json"], catch_exceptions=False)
-    assert json.loads(run.stdout)["quality"] == ibdata.quality(dataset).plain()

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pyarrow as pa
 import pytest
-from click.testing import CliRunner
 
-import ibdata
-from ibdata.cli.read import info_command as command
 from ibdata.dataset.reference_returns import scale
-from ibdata.measures import return_improvement, return_measures, trajectory_quality
+from ibdata.measures import return_improvement, return_measures
 
 
 def table(*rows):
@@ -24,12 +19,6 @@ def table(*rows):
 @pytest.fixture
 def info(dataset):
     return dataset.stored.info
-
-
-def test_trajectory_quality_is_0_at_least_1_for_expert():
-    assert trajectory_quality(-3.0, minimal=-3.0, expert=-1.0) == 0.0
-    assert trajectory_quality(-1.0, minimal=-3.0, expert=-1.0) == 1.0
-    assert trajectory_quality(-4.0, minimal=-3.0, expert=-1.0) == -0.5
 
 
 def test_return_improvement_does_not_depend_on_unit_or_zero():
@@ -60,26 +49,7 @@ def test_without_references_there_is_no_trajectory_quality(info):
     assert return_measures(table((75, 1000, -2e5)), info).trajectory_quality is not None
 
 
-def test_moving_setpoints_have_references_of_their_own(info):
-    moving = info.model_copy(update={"drifting": True})
-    for described, drifting in ((info, False), (moving, True)):
-        known = scale("siemens", "default", 1000, 1.0, drifting=drifting)
-        low, high = known.ends([70.0], "expert")
-        found = return_measures(table((70, 1000, (low + high) / 2)), described)
-        assert found.trajectory_quality == pytest.approx(0.5)
-
-
 def test_returns_under_different_dynamics_are_not_compared(info):
     rows = table((70, 1000, -2e5), (70, 1000, -3e5))
     assert None not in return_measures(rows, info)
     assert return_measures(rows, info.model_copy(update={"dynamics": None})) == (None, None)
-
-
-def test_info_prints_them(describe, tmp_path):
-    experiment = describe(setpoints=[70], policies=[{"kind": "safe"}], episodes=2, steps=1000)
-    ds = ibdata.generate(experiment, tmp_path / "made", workers=1)
-    found = return_measures(ds.stored.episodes, ds.stored.info)
-    text = CliRunner().invoke(command, [str(ds.path)], catch_exceptions=False).stdout
-    assert f"trajectory quality: {found.trajectory_quality:.2f}, mean return: 0 = random, 1 = expert" in text
-    document = CliRunner().invoke(command, [str(ds.path), "--json"], catch_exceptions=False).stdout
-    assert json.loads(document)["quality"] == found._asdict()
