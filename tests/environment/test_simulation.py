@@ -11,8 +11,6 @@ from ibdata.environment.actions import continuous_action, continuous_actions
 from ibdata.environment.settings import frame_bounds, settings
 from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import UsageError
-from ibdata.policies import OBSERVATION
-from ibdata.simulation.episodes import hidden as hidden_variables
 
 
 class Tape:
@@ -30,28 +28,6 @@ class Tape:
 
 def random_tape(lanes, seed=0):
     return Tape(np.random.Philox(seed).random_raw(lanes * 4000).reshape(lanes, 4000))
-
-
-def actions_of(recorded):
-    names = ("act_velocity", "act_gain", "act_shift")
-    return np.array([recorded.columns[name] for name in names]).T
-
-
-def test_fed_a_datasets_integers_it_is_its_episode(case, recorded):
-    simulation, tape = Simulation(settings(**case), 1), Tape(recorded.integers)
-    columns = recorded.columns
-    names = hidden_variables(simulation.settings.world.drifting)
-    simulation.reset(simulation.everyone, tape)
-    for t, action in enumerate(actions_of(recorded)):
-        seen, hidden = simulation.observations()[0], simulation.info()
-        assert seen.tolist() == [columns[f"obs_{name}"][t] for name in OBSERVATION]
-        assert set(hidden) == {f"latent_{name}" for name in names}
-        for name, value in hidden.items():
-            assert np.float32(value[0]) == columns[name][t]
-        [reward] = simulation.step(simulation.everyone, action[None], tape)
-        assert np.float32(reward) == columns["reward"][t]
-    assert simulation.observations()[0].tolist() == [columns[f"next_obs_{name}"][t] for name in OBSERVATION]
-    assert tape.at[0] == len(recorded.integers)
 
 
 @pytest.mark.parametrize(
