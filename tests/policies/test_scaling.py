@@ -76,18 +76,6 @@ def test_a_scaling_that_saw_one_setpoint_is_said(file):
         assert notes(policy, [50.0]) == []
 
 
-def test_a_scaling_of_several_setpoints_is_not_said(file):
-    wide = np.array([25.0, *STD[1:]])
-    for policy in (vec_normalize(wide**2), Learned(wide), Learned(None, None), "p70-3"):
-        policy = {"kind": "network", "file": policy} if isinstance(policy, str) else policy
-        assert notes(policy, [0.0, 50.0, 100.0]) == []
-
-
-def test_a_moving_setpoint_is_far_too(file):
-    found = ibdata.evaluate(Network(file=str(file)), {"drifting": 50.0}, episodes=2, steps=3)
-    assert found.notes[0].startswith("network: setpoint 0, 100: up to 5e+04 standard deviations from 50")
-
-
 def test_actions_that_depend_on_nothing_else_are_said():
     """Of an object, whose scaling is its own: only if it acts on what it sees at other setpoints."""
     assert notes(of_tanh(1e-6))[-1].startswith(DEAF)
@@ -96,26 +84,9 @@ def test_actions_that_depend_on_nothing_else_are_said():
     assert notes(lambda seen: seen[:, :3] * [0.01, 0.0, 0.0]) == []  # of the setpoint alone, wherever it is
 
 
-def test_the_setpoint_is_found_in_a_view():
-    view = {"observe": ["obs_fatigue", "obs_gain", "obs_setpoint"]}
-    assert notes(of_tanh(1e-6, 3, at=2), view=view)[-1].startswith(DEAF)
-    blind = notes(of_tanh(1e-6, 2), view={"observe": ["obs_fatigue", "obs_gain"]})
-    assert not any("setpoint" in note for note in blind)
-
-
 def test_a_saved_network_of_one_setpoint_is_said(tmp_path, capsys):
     ibdata.save_network(tmp_path / "actor.safetensors", vec_normalize(STD**2))
     line = capsys.readouterr().err
     assert line.startswith("ibdata: actor.safetensors: setpoint 49: up to 1e+03 standard deviations from 50")
     ibdata.save_network(tmp_path / "actor.safetensors", vec_normalize(np.full(6, 25.0)))
     assert capsys.readouterr().err == ""
-
-
-def test_a_policy_that_saturates_at_one_setpoint_but_acts_at_others_has_no_note():
-    """A controller's actions at a setpoint far from others may be at their limits."""
-
-    def controller(seen):
-        error = seen[:, 1] - 50.0
-        return np.clip(np.stack([error * (seen[:, 0] < 80.0) + seen[:, 0]] * 3, axis=1) / 100.0, -1.0, 1.0)
-
-    assert notes(controller, [90.0]) == []
