@@ -12,7 +12,6 @@ import pytest
 
 from ibdata.errors import PolicyError
 from ibdata.policies import (
-    POLICIES,
     ClippedNormal,
     Decision,
     Deterministic,
@@ -100,7 +99,7 @@ class Learned:
 
 @pytest.mark.parametrize(
     "policy",
-    [Coin(), Stubborn(), Still(), Sure(), POLICIES["gaussian"](base={"kind": "bad"}, scale=0.5), "safe"],
+    [Coin(), Stubborn(), Still(), Sure(), "safe"],
 )
 def test_what_is_right_passes(policy):
     check_policy(policy)
