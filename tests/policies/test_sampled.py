@@ -10,6 +10,7 @@ import pytest
 from helpers.networks import actor
 from helpers.policies import distribution
 
+from ibdata.policies.actions import applied
 from ibdata.policies.base import Needs, at_start
 from ibdata.policies.network import Network
 from ibdata.policies.sampled import Sampled, log_component, rounded_to
@@ -32,6 +33,15 @@ def sampled(tmp_path):
 def density(action, mean, log_std, by_tanh=True):
     action = np.float32(action)
     return log_component(action, *rounded_to(action, by_tanh), mean, log_std, by_tanh)
+
+
+def test_the_mean_has_a_mass_only_where_it_may_be_played(sampled):
+    seen = at_start(np.zeros((1, 1, 6), np.float32), Needs(), np.full((1, 4), 0.9))
+    outputs = {"mean": [0.25] * 3, "log_std": [0.0] * 3}
+    sometimes, always = (distribution(sampled(share, **outputs), seen) for share in (0.3, 1.0))
+    mean = applied(sometimes.sample(seen.uniforms))
+    assert sometimes.atoms(mean).all()
+    assert not always.atoms(mean).any()
 
 
 @pytest.mark.parametrize(
