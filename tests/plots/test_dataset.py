@@ -50,25 +50,6 @@ def test_rewards_are_quantiles_of_steps(many):
     assert "minus the cost" in axes.get_xlabel()
 
 
-@pytest.mark.parametrize(
-    ("panel", "x", "y"), [(0, "velocity", "gain"), (1, "velocity", "shift"), (2, "gain", "shift")]
-)
-def test_coverage_counts_visits_of_squares(many, panel, x, y):
-    figure = pictured("coverage", many)
-    edges = np.arange(0, 101, 2)
-    for i, policy in enumerate(POLICIES):
-        axes = figure.axes[3 * i + panel]
-        data = rows(many).query(f"policy == '{policy}'").astype("float64", errors="ignore")
-        expected = pd.crosstab(
-            pd.cut(data[f"obs_{y}"], edges, right=False, labels=False).fillna(49),  # 100 belongs to the last
-            pd.cut(data[f"obs_{x}"], edges, right=False, labels=False).fillna(49),
-        ).reindex(index=range(50), columns=range(50), fill_value=0)  # fmt: skip
-        image = axes.get_images()[0]
-        assert np.array_equal(image.get_array().filled(0), expected)
-        assert image.get_extent() == [0, 100, 0, 100]
-        assert axes.get_title("right") == f"{(expected > 0).to_numpy().mean():.1%}"
-
-
 def test_the_trade_off_shows_steps_and_means(many):
     figure = pictured("tradeoff", many)
     axes = figure.axes[0]
@@ -88,38 +69,6 @@ def test_the_trade_off_shows_steps_and_means(many):
     assert (axes.get_xlim()[0], axes.get_ylim()[0]) == (0.0, 0.0)
     assert not set(POLICIES) & {line.get_label() for line in axes.get_lines()}  # nothing joins the marks
     assert not axes.texts
-
-
-def test_actions_are_the_density_of_each_policy_s_steps(many):
-    figure = pictured("actions", many)
-    assert "each panel has its own scale" in figure.get_suptitle()
-    panels = iter(figure.axes)
-    data = rows(many)
-    for label in POLICIES:
-        for column in ["act_velocity", "act_gain", "act_shift"]:
-            own = data[column][data["policy"] == label].astype("float64")
-            density = np.histogram(own, np.linspace(-1, 1, 42), density=True)[0]
-            axes = next(panels)
-            assert np.allclose(axes.patches[0].get_data().values, density, rtol=1e-9)
-            assert axes.get_ylim()[0] == 0
-            assert axes.get_ylim()[1] >= density.max()
-            assert axes.get_lines()[0].get_ydata() == [0.5, 0.5]
-
-
-@pytest.mark.parametrize("name", ["many", "moving", "bare"])
-def test_the_traces_are_of_the_median_episode(formed, name):
-    dataset = formed(name)
-    figure = pictured("traces", dataset)
-    returns = dataset.episodes["return"]
-    episode = returns[returns == returns.sort_values().iloc[(len(returns) - 1) // 2]].index[0]
-    data = dataset.to_pandas().query(f"episode == {episode}")
-    shown = [line for axes in figure.axes for line in axes.get_lines()]
-    expected = ["obs_velocity", "obs_gain", "obs_shift", "obs_setpoint", "obs_consumption", "obs_fatigue"]
-    expected += [] if name == "bare" else ["latent_mu_v", "latent_mu_g", "latent_direction"]
-    for line, column in zip(shown, expected, strict=True):
-        assert np.array_equal(line.get_ydata(), data[column][:300])
-    assert figure.get_suptitle().startswith(f"episode {episode}, ")
-    assert ("first 300 steps" in figure.get_suptitle()) == (len(data) > 300)
 
 
 NAMES = {"many": ["source", "target", "target-rest", "random", "safe", "mediocre"], "next": ["low", "(none)"]}
