@@ -11,6 +11,7 @@ from helpers.networks import Environment, Model, weights
 
 import ibdata
 from ibdata.policies.network import Network
+from ibdata.policies.scaling import scaling_of
 
 MEAN, STD = np.full(6, 50.0), np.array([0.001, 9.0, 9.0, 9.0, 9.0, 9.0])
 FAR = "setpoint 75: up to 2.5e+04 standard deviations from 50, the mean in its scaling of observations"
@@ -90,3 +91,14 @@ def test_a_saved_network_of_one_setpoint_is_said(tmp_path, capsys):
     assert line.startswith("ibdata: actor.safetensors: setpoint 49: up to 1e+03 standard deviations from 50")
     ibdata.save_network(tmp_path / "actor.safetensors", vec_normalize(np.full(6, 25.0)))
     assert capsys.readouterr().err == ""
+
+
+def test_the_scaling_of_a_library_has_its_epsilon():
+    """A column that never varied in training is divided by what the library divides it by."""
+    varied = SimpleNamespace(mean=np.zeros(2), var=np.array([4.0, 0.0]))
+    env = SimpleNamespace(norm_obs=True, obs_rms=varied, epsilon=0.25, clip_obs=10.0)
+    found = scaling_of(SimpleNamespace(get_vec_normalize_env=lambda: env))
+    assert found["std"].tolist() == [4.25**0.5, 0.5]
+    scaler = SimpleNamespace(mean=np.zeros(2), std=np.array([2.0, 0.0]), eps=0.25)
+    found = scaling_of(SimpleNamespace(config=SimpleNamespace(observation_scaler=scaler)))
+    assert found["std"].tolist() == [2.25, 0.25]
