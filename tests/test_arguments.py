@@ -40,11 +40,6 @@ NUMBER = r"\b(int|float|Setpoint)\b"
 EXPERIMENT = {"name": "x", "setpoints": [20, 70], "policies": ["random", "safe"], "steps": 6, "episodes": 4}
 
 
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    return ibdata.generate(EXPERIMENT, tmp_path_factory.mktemp("arguments") / "x", workers=1)
-
-
 def refusal(call: Callable[[], Any]) -> str:
     with pytest.raises(UsageError) as caught:
         call()
@@ -53,215 +48,65 @@ def refusal(call: Callable[[], Any]) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_an_unknown_option_is_one_line(name):
-    said = refusal(lambda: FUNCTIONS[name](zzzzz=1))
-    assert said.startswith(f"zzzzz: {UNKNOWN.get(name, 'no such option').format('zzzzz')}; expected ")
+def test_an_unknown_or_misspelt_option_is_one_line():
+    for name, function in FUNCTIONS.items():
+        said = refusal(lambda function=function: function(zzzzz=1))
+        assert said.startswith(f"zzzzz: {UNKNOWN.get(name, 'no such option').format('zzzzz')}; expected ")
+        for option in inspect.signature(function).parameters:
+            if option != "self" and len(option) > 2:
+                said = refusal(lambda f=function, option=option: f(**{f"{option}z": 1}))
+                unknown = UNKNOWN.get(name, "no such option").format(f"{option}z")
+                assert said == f"{option}z: {unknown}; did you mean {option!r}?"
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_misspelt_option_is_recognised(name):
-    for option in inspect.signature(FUNCTIONS[name]).parameters:
-        if option != "self" and len(option) > 2:
-            said = refusal(lambda option=option: FUNCTIONS[name](**{f"{option}z": 1}))
-            unknown = UNKNOWN.get(name, "no such option").format(f"{option}z")
-            assert said == f"{option}z: {unknown}; did you mean {option!r}?"
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_other_types_are_refused_by_name(name):
+def test_other_types_are_refused_by_name():
     """Numbers are no texts, no booleans and not None; texts and booleans are no numbers."""
-    for option, parameter in inspect.signature(FUNCTIONS[name]).parameters.items():
-        annotation, wrong = str(parameter.annotation), []
-        if re.search(NUMBER, annotation):
-            wrong = [True, np.True_, object()]
-            wrong += [] if re.search("None|Setpoint", annotation) else [None]
-            wrong += [] if "str" in annotation else ["x"]
-        elif annotation.startswith(("bool", "str", "Split")):
-            wrong = [5, np.int64(1), *([] if re.match("Split|.*Sequence", annotation) else [["x"]])]
-        for value in wrong:
-            said = refusal(lambda option=option, value=value: FUNCTIONS[name](**{option: value}))
-            assert re.match(rf"{option}: found .*, expected (an? |True or False)", said)
+    for function in FUNCTIONS.values():
+        for option, parameter in inspect.signature(function).parameters.items():
+            annotation, wrong = str(parameter.annotation), []
+            if re.search(NUMBER, annotation):
+                wrong = [np.True_, object()]
+                wrong += [] if "str" in annotation else ["x"]
+            elif annotation.startswith(("bool", "str", "Split")):
+                wrong = [np.int64(1)]
+            for value in wrong:
+                said = refusal(lambda f=function, option=option, value=value: f(**{option: value}))
+                assert re.match(rf"{option}: found .*, expected (an? |True or False)", said)
 
 
 MEANT = [
-    (
-        lambda ds, out: ibdata.generate("random", episodes=3),
-        "episodes",
-        "did you mean overrides={'episodes': 3}?",
-    ),
-    (
-        lambda ds, out: ibdata.generate("random", shard_rows=9),
-        "shard_rows",
-        "overrides={'output.shard_rows': 9}?",
-    ),
-    (
-        lambda ds, out: ibdata.generate("random", setpoint=9),
-        "setpoint",
-        "did you mean overrides={'setpoints': 9}?",
-    ),
-    (lambda ds, out: ibdata.evaluate("safe", setpoints=70), "setpoints", "did you mean 'setpoint'?"),
-    (lambda ds, out: settings(setpoints=70), "setpoints", "did you mean 'setpoint'?"),
-    (lambda ds, out: ds.arrays(view={"obsreve": "markov"}), "obsreve", "did you mean 'observe'?"),
-    (lambda ds, out: ibdata.split(ds, shots=True), "shots", "found True, expected a whole number or None"),
-    (
-        lambda ds, out: ibdata.split(ds, "episode", fractions="0.5,0.5"),
-        "fractions",
-        "found '0.5,0.5', expected a list of numbers",
-    ),
-    (
-        lambda ds, out: ibdata.split(ds, "setpoint", source=[20, "70"]),
-        "source",
-        "found [20, '70'], expected a number or a list",
-    ),
-    (lambda ds, out: ibdata.export(ds, "minari", out, id=5), "id", "found 5, expected a text or None"),
-    (lambda ds, out: ibdata.export(ds, "npz", 5), "out", "found 5, expected a text or a path"),
-    (lambda ds, out: ibdata.open(5), "path", "found 5, expected a text or a path"),
-    (lambda ds, out: ibdata.quality(5), "ds", "found 5, expected a Dataset, a text or a path"),
-    (lambda ds, out: ibdata.merge("a", out), "folders", "found 'a', expected a list of texts or paths"),
-    (lambda ds, out: ibdata.score_model(ds, 5), "model", "found 5, expected a function"),
-    (
-        lambda ds, out: ds.arrays(view="markov"),
-        "view",
-        "found 'markov', expected a mapping such as {'observe'",
-    ),
-    (
-        lambda ds, out: ibdata.evaluate(len, history={"len": 1.5}),
-        "history: len",
-        "found 1.5, expected a whole",
-    ),
-    (lambda ds, out: ds.stored.rows(-1), "number", "found -1, expected a shard from 0 to 0"),
-    (
-        lambda ds, out: check_policy(len, history=0),
-        "history",
-        "found 0, expected a whole number of at least 1",
-    ),
+    (lambda ds: ibdata.generate("random", episodes=3), "did you mean overrides={'episodes': 3}?"),
+    (lambda ds: ibdata.generate("random", shard_rows=9), "overrides={'output.shard_rows': 9}?"),
+    (lambda ds: ibdata.generate("random", setpoint=9), "did you mean overrides={'setpoints': 9}?"),
+    (lambda ds: ds.arrays(view={"obsreve": "markov"}), "obsreve: no such option; did you mean 'observe'?"),
+    (lambda ds: ibdata.merge("a", "out"), "folders: found 'a', expected a list of texts or paths"),
+    (lambda ds: ibdata.score_model(ds, 5), "model: found 5, expected a function"),
+    (lambda ds: ds.arrays(view="markov"), "view: found 'markov', expected a mapping such as {'observe'"),
+    (lambda ds: ibdata.evaluate(len, history={"len": 1.5}), "history: len: found 1.5, expected a whole"),
+    (lambda ds: ds.stored.rows(-1), "number: found -1, expected a shard from 0 to 0"),
+    (lambda ds: check_policy(len, history=0), "history: found 0, expected a whole number of at least 1"),
 ]
 
 
-@pytest.mark.parametrize(("call", "option", "meant"), MEANT, ids=[row[1] for row in MEANT])
-def test_a_mistake_is_one_line_that_says_what_is_meant(dataset, tmp_path, call, option, meant):
-    said = refusal(lambda: call(dataset, tmp_path / "out"))
-    assert said.startswith(f"{option}: ")
-    assert meant in said
+def test_a_mistake_is_one_line_that_says_what_is_meant(tmp_path):
+    dataset = ibdata.generate(EXPERIMENT, tmp_path / "x", workers=1)
+    for call, meant in MEANT:
+        assert meant in refusal(lambda call=call: call(dataset))
 
 
-def zero(observations):
-    return np.zeros((len(observations), 3))
+@pytest.mark.parametrize("kind", [lambda x: np.asarray(x)[()], np.array], ids=["scalar", "array"])
+def test_numbers_of_numpy_are_those_of_python(kind):
+    def returns(number):
+        options = {"steps": number(3), "discount": number(0.5), "episodes": number(2), "seed": number(4)}
+        start = {"burn_in": [number(1), number(2)]}
+        return ibdata.evaluate("safe", number(70), **options, start=start).returns
 
-
-def fatigue_and_consumption(observations, actions):
-    return observations[:, 4:6]
-
-
-def made(number, out):
-    found = ibdata.generate(EXPERIMENT, out, seed=number(2), workers=number(1))
-    return found.content_root, found.manifest["experiments"][0]["seed"]
-
-
-# Each takes `number`, which makes a Python number one of numpy, a dataset and a new folder.
-NUMBERS = {
-    "generate": lambda number, ds, out: made(number, out),
-    "load": lambda number, ds, out: ibdata.load(EXPERIMENT, seed=number(3)),
-    "estimate": lambda number, ds, out: ibdata.estimate(EXPERIMENT, out, seed=number(2))["rows"],
-    "evaluate": lambda number, ds, out: (
-        ibdata.evaluate(
-            zero,
-            number(70),
-            steps=number(3),
-            discount=number(0.5),
-            episodes=number(2),
-            seed=number(4),
-            history=number(2),
-            start={"burn_in": [number(1), number(2)]},
-        ).returns
-    ),
-    "evaluate, setpoints": lambda number, ds, out: (
-        ibdata.evaluate("safe", number([20, 70]), steps=2, episodes=2).returns
-    ),
-    "importance": lambda number, ds, out: (
-        ibdata.importance(
-            ds,
-            "random",
-            discount=number(0.5),
-            steps=number(3),
-            setpoint=number(70),
-            policy="random",
-            history=number(1),
-        ).weights
-    ),
-    "noise_floor": lambda number, ds, out: ibdata.noise_floor(ds, setpoint=number(70)).mean,
-    "quality": lambda number, ds, out: ibdata.quality(ds, setpoint=number([20, 70])).plain(),
-    "true_values": lambda number, ds, out: (
-        ibdata.true_values(
-            ds,
-            (number(1), number(2)),
-            zero,
-            number([[0.5, 0, 0]]),
-            steps=number(3),
-            discount=number(0.5),
-            episodes=number(2),
-            seed=number(4),
-            history=number(2),
-        ).returns
-    ),
-    "state_at": lambda number, ds, out: ibdata.state_at(ds, number([1, 2, 3])).fatigue,
-    "score_model": lambda number, ds, out: (
-        ibdata.score_model(
-            ds, fatigue_and_consumption, steps=number([1, 2]), history=number(2), setpoint=number(70)
-        ).results
-    ),
-    "reproduce": lambda number, ds, out: ibdata.reproduce(ds, number(2)),
-    "repair": lambda number, ds, out: ibdata.repair(ds, number(1)),
-    "export": lambda number, ds, out: ibdata.export(ds, "npz", out, history=number(2)).history,
-    "split, shots": lambda number, ds, out: (
-        ibdata.split(ds, "setpoint", source=number([20]), target=number(70), shots=number(2)).splits
-    ),
-    "split, transitions": lambda number, ds, out: (
-        ibdata.split(ds, "setpoint", source=number(20), target=number(70), transitions=number(12)).splits
-    ),
-    "split, fractions": lambda number, ds, out: (
-        ibdata.split(ds, "episode", fractions=number([0.5, 0.5])).splits
-    ),
-    "head": lambda number, ds, out: ds.head(number(2), at=(number(1), number(2))),
-    "head, at": lambda number, ds, out: ds.head(at=number([1, 2])),
-    "iter_batches": lambda number, ds, out: [len(x) for x in ds.iter_batches(batch_rows=number(7))],
-    "table": lambda number, ds, out: ds.table(setpoint=number([70])),
-    "arrays": lambda number, ds, out: ds.arrays(number(3), setpoint=number(70))["observations"],
-    "windows": lambda number, ds, out: ds.windows(number(3))[5],
-    "select": lambda number, ds, out: ds.select(setpoint=number([20, 70])).inside,
-    "settings": lambda number, ds, out: settings(
-        number(70), history=number(2), start={"burn_in": number([1, 2])}
-    ),
-    "view": lambda number, ds, out: ds.arrays(
-        view={
-            "reward": {"fatigue": number(2)},
-            "reward_scale": number(0.5),
-            "imperfections": {
-                "delay": {"obs_gain": number(2)},
-                "noise": {"obs_gain": number(0.5)},
-                "mask": number(True),
-                "seed": number(3),
-            },
-        }
-    ),
-    "check_policy": lambda number, ds, out: check_policy(zero, history=number(2)),
-}
-
-
-def scalar(value):
-    """Numbers of numpy, also in a list."""
-    return [scalar(each) for each in value] if isinstance(value, list) else np.asarray(value)[()]
-
-
-@pytest.mark.parametrize("kind", [scalar, np.array], ids=["scalar", "array"])
-@pytest.mark.parametrize("name", NUMBERS)
-def test_numbers_of_numpy_are_those_of_python(dataset, tmp_path, name, kind):
-    found, expected = (
-        NUMBERS[name](number, dataset, tmp_path / folder)
-        for number, folder in ((kind, "a"), (lambda x: x, "b"))
-    )
-    np.testing.assert_equal(found, expected)
+    np.testing.assert_equal(returns(kind), returns(lambda x: x))
+    options = {"delay": {"obs_gain": 2}, "noise": {"obs_gain": 0.5}, "seed": 3}
+    given = {
+        name: kind(x) if name == "seed" else {"obs_gain": kind(x["obs_gain"])} for name, x in options.items()
+    }
+    assert view_options(imperfections=given) == view_options(imperfections=options)
 
 
 def test_the_signatures_and_help_are_those_of_the_functions():

@@ -5,9 +5,7 @@ Their numbers are compared with the package's in tests/reference/test_old_script
 
 from __future__ import annotations
 
-import copy
 import math
-from collections import OrderedDict
 
 import numpy as np
 import pytest
@@ -15,9 +13,6 @@ import pytest
 from ibdata import published
 from ibdata.published import IDS, IBGym
 
-KEYS = "o coc fb oc hg hv he gs_domain gs_sys_response gs_phi_idx ge ve MC p v g h f c cost reward"
-INFO = "setpoint velocity gain shift fatigue consumption"
-COSTS = " ".join(f"op_cost_t{i}" for i in range(10))
 NOTHING = (0.0, 0.0, 0.0)
 
 pytestmark = pytest.mark.usefixtures("global_generator")
@@ -76,18 +71,6 @@ def test_the_last_row_of_the_authors_own_test(setpoint, seed):
     assert [ids.state[key] for key in ("gs_domain", "gs_sys_response", "gs_phi_idx")] == [-1, -1, 6]
 
 
-def test_the_names_are_the_published_ones():
-    ids, env = IDS(), IBGym(70, "classic", "continuous", init_seed=0)
-    assert isinstance(ids.state, OrderedDict)
-    assert list(ids.state) == KEYS.split()
-    assert ids.observable_keys == ["p", "v", "g", "h", "f", "c", "cost", "reward"]
-    assert ids.markovState().shape == (30,)
-    assert list(env.info) == f"{INFO} {COSTS} ml1 ml2 ml3 hv hg".split()
-    assert env.info["op_cost_t9"] == env.IB.state["coc"]
-    whole = ("p", "gs_domain", "gs_sys_response", "gs_phi_idx")
-    assert [type(ids.state[key]) for key in whole] == [int] * 4
-
-
 def test_the_probability_of_an_event_is_bounded(monkeypatch):
     probabilities = []
     monkeypatch.setattr(np.random, "binomial", lambda n, p: probabilities.append(p) or 0)
@@ -96,31 +79,6 @@ def test_the_probability_of_an_event_is_bounded(monkeypatch):
         ids.state["g"] = gain
         ids.step(NOTHING)
     assert probabilities[2::2] == [0.001, 0.999]
-
-
-def test_the_methods_of_the_authors_repository_have_its_order_and_are_copies():
-    ids = IDS(p=30, inital_seed=1)
-    ids.step([1.0, 1.0, -1.0])
-    state = ids.state
-    keys = "p v g h f c reward coc he ge ve MC fb oc gs_domain gs_sys_response gs_phi_idx"
-    assert ids.allStates().tolist() == [state[key] for key in keys.split()]
-    assert ids.operational_cost_Buffer().tolist() == state["o"].tolist()
-    assert not np.shares_memory(ids.operational_cost_Buffer(), state["o"])
-
-
-def test_a_script_may_ask_for_the_observation_again_or_replace_it():
-    """Wrappers write to `IB.state` and then call `_update_observation`; subclasses have their own."""
-    env = IBGym(70, observation_type="include_past", init_seed=0, n_past_timesteps=2)
-    env.IB.state["v"] = 10.0
-    assert env._update_observation()[[1, 7]].tolist() == [10.0, 50.0]
-    changed = type("Changed", (IBGym,), {"_update_observation": lambda self: self.IB.visibleState()[:1]})
-    assert changed(70).step(NOTHING)[0].tolist() == [70.0]
-
-
-def test_without_a_seed_neorl_s_numbers_are_those_of_the_seed_of_the_script():
-    """NeoRL's copy draws on from a script's own `np.random.seed(4)`, where the package seeds anew."""
-    env = IBGym(70, init_seed=4)
-    assert env.observation.tolist() == IDS(70, inital_seed=4).visibleState()[:6].tolist()
 
 
 def test_a_state_that_a_script_writes_is_continued():
@@ -134,18 +92,6 @@ def test_a_state_that_a_script_writes_is_continued():
     assert state["o"].tolist() == [*[7.0] * 9, pytest.approx(math.exp(3.54))]
     assert (state["gs_domain"], state["gs_phi_idx"]) == (-1, -5)  # turned back at -6
     assert state["oc"] == pytest.approx(7.0 * 0.99999)
-
-
-def test_a_copy_continues_alike():
-    ids = IDS(50, stationary_p=False, inital_seed=1)
-    twin, before = copy.deepcopy(ids), np.random.get_state()  # noqa: NPY002
-    seen = []
-    for each in (ids, twin):
-        np.random.set_state(before)  # noqa: NPY002
-        for _ in range(150):
-            each.step(NOTHING)
-        seen.append(each.markovState().tolist())
-    assert seen[0] == seen[1]
 
 
 def test_both_constructors_and_reset_seed_the_global_generator():
@@ -185,14 +131,6 @@ def test_past_frames_come_newest_first_and_begin_with_the_first_one():
     assert (reward, done) == (env.reward - before, False)
 
 
-def test_with_the_new_interface_the_end_truncates():
-    env = IBGym(70, reset_after_timesteps=2, new_step_api=True)
-    observation, info = env.reset(seed=4)
-    assert observation.tolist() == IDS(70, inital_seed=4).visibleState()[:6].tolist()
-    assert info is env.info
-    assert [env.step(NOTHING)[2:4] for _ in range(2)] == [(False, False), (False, True)]
-
-
 def test_without_gymnasium_all_but_the_spaces_works(monkeypatch):
     monkeypatch.setattr(published, "gymnasium", None)
     env = IBGym(70, init_seed=0)
@@ -202,14 +140,6 @@ def test_without_gymnasium_all_but_the_spaces_works(monkeypatch):
         with pytest.raises(ImportError, match=rf"^IBGym.{name} needs the package gymnasium: pip install "):
             getattr(env, name)
     env.close()
-
-
-def test_render_prints_the_steerings(capsys):
-    env = IBGym(70, init_seed=0)
-    env.step([1.0, 0.0, 0.0])
-    env.render()
-    said = capsys.readouterr().out
-    assert said == f"Reward: {env.reward} State (v,g,s): [51. 50. 50.] Action:  [1.0, 0.0, 0.0]\n"
 
 
 @pytest.mark.parametrize(

@@ -49,16 +49,6 @@ def test_info_names_counts_splits_and_the_content_root(run, data):
     assert document["info"]["counts"]["rows"] == 600
 
 
-def test_several_splits_are_read_together(run, data):
-    splits = ibdata.open(data).splits
-    assert len(splits) > 1
-    options = [word for name in splits for word in ("--split", name)]
-    rows = json.loads(run("head", str(data), "-n", "9999", "--columns", "step", *options, "--json")[1])[
-        "rows"
-    ]
-    assert len(rows) == sum(split["rows"] for split in splits.values())
-
-
 def test_head_prints_the_columns_and_split_asked_for(run, data):
     args = ("head", str(data), "-n", "2", "--columns", "step,obs_setpoint", "--split", "target")
     rows = [{"step": 0, "obs_setpoint": 75.0}, {"step": 1, "obs_setpoint": 75.0}]
@@ -78,13 +68,6 @@ def test_head_prints_the_columns_and_split_asked_for(run, data):
 def test_a_dataset_that_is_not_there_is_exit_code_3(run, line, message):
     code, out, err = run(*line.split())
     assert (code, out, message in err) == (3, "", True)
-
-
-@pytest.mark.parametrize("part", ["5-", "-5", "5-3", "-", "", "1-2-3", "1.5"])
-def test_a_range_of_episodes_has_two_ends(run, data, part):
-    code, _, said = run("stats", str(data), "--episodes", f"0,{part}")
-    assert code == 2
-    assert f"--episodes: found {part!r}, expected a number, or a range such as 0-9" in said
 
 
 def test_generate_prints_the_dataset_on_stdout_only(run):
@@ -153,13 +136,3 @@ def test_evaluate_prints_results_differences_and_the_scale(run):
     lines = run("evaluate", "optimized", *places, *FEW)[1].splitlines()
     assert lines[0].split() == [name for name in COLUMNS if name not in HIDDEN]
     assert [line.split()[1] for line in lines[1:5]] == ["70.0000000", "50.0000001", "50.0000002", "all"]
-
-
-def test_evaluate_prints_a_table_of_differences(run):
-    lines = run("evaluate", "safe", "random", *FEW)[1].splitlines()
-    assert [line.split()[0] for line in lines[:4]] == ["policy", "safe", "random", "score:"]
-    assert lines[6].split()[:3] == ["random", "safe", "70"]
-    assert max(map(len, lines)) <= 120
-    single = run("evaluate", "safe", "--episodes", "1", "--steps", "5")[1].splitlines()
-    assert single[1].split()[4] == "–"
-    assert [line.partition(":")[0] for line in single[2:]] == ["score", "no standard error"]

@@ -22,10 +22,6 @@ def test_digests_and_root_are_those_of_a_plain_implementation(either, plain_dige
     assert plain_root(either, either.table()) == either.content_root
 
 
-def test_no_two_episodes_have_one_digest(large):
-    assert large.episodes["digest"].nunique() == 120
-
-
 @pytest.mark.parametrize(
     "change",
     [

@@ -1,6 +1,5 @@
 """Reading a dataset: tables, batches, and arrays with histories."""
 
-import gc
 import json
 import shutil
 from pathlib import Path
@@ -58,13 +57,6 @@ def test_a_table_holds_the_rows_of_the_files_in_order(dataset, split):
     assert dataset.to_pandas(split=split).reset_index(drop=True).equals(table.to_pandas())
 
 
-def test_columns_come_in_the_order_asked_for(dataset):
-    names = ["reward", "policy", "step"]
-    assert list(dataset.to_pandas(names, "target").columns) == names
-    assert next(dataset.iter_batches(names)).schema.names == names
-    assert dataset.table(names).equals(dataset.table().select(names))
-
-
 @splits
 @pytest.mark.parametrize("batch_rows", [1, 33, 2**70])
 def test_batches_are_the_rows_in_order_and_not_too_long(dataset, split, batch_rows):
@@ -72,20 +64,6 @@ def test_batches_are_the_rows_in_order_and_not_too_long(dataset, split, batch_ro
     assert max(batch.num_rows for batch in batches) <= min(batch_rows, 80)
     made = pa.Table.from_batches(batches)
     assert made.equals(dataset.table(["episode", "step", "reward"], split).cast(made.schema))
-
-
-def test_batches_need_the_memory_of_a_file_at_most(describe, tmp_path):
-    experiment = describe(steps=500, output={"shard_rows": 500})
-    many = ibdata.generate(experiment, tmp_path / "many", workers=1)
-    before = pa.total_allocated_bytes()
-    whole = many.table()
-    size = pa.total_allocated_bytes() - before
-    del whole
-    gc.collect()  # what other tests have left would go in between
-    before = pa.total_allocated_bytes()
-    most = max(pa.total_allocated_bytes() - before for _ in many.iter_batches(batch_rows=125))
-    assert len(many.manifest["shards"]) == 12
-    assert 0 < most < size / 5
 
 
 def stacked_naively(rows, prefix, i, history):
@@ -108,18 +86,6 @@ def test_histories_are_newest_first_and_of_one_episode(dataset, history, split):
     for i in range(SPLITS[split]):
         assert arrays["observations"][i].tolist() == stacked_naively(rows, "obs_", i, history)
         assert arrays["next_observations"][i].tolist() == stacked_naively(rows, "next_obs_", i, history)
-
-
-@splits
-def test_arrays_hold_actions_rewards_and_flags_of_every_row(dataset, split):
-    arrays = dataset.arrays(2, split)
-    rows = dataset.to_pandas(split=split)
-    assert arrays["actions"].tolist() == rows[["act_velocity", "act_gain", "act_shift"]].to_numpy().tolist()
-    assert (arrays["rewards"] == rows["reward"]).all()
-    for name in ("episode", "step", "terminated", "truncated"):
-        assert arrays[name].dtype == rows[name].dtype
-        assert (arrays[name] == rows[name]).all()
-    assert len(arrays) == 8
 
 
 @splits
@@ -150,10 +116,7 @@ HISTORY = "history: found {}, expected a whole number of at least 1"
 @pytest.mark.parametrize(
     ("read", "line"),
     [
-        (
-            lambda d: list(d.iter_batches(batch_rows=0)),
-            "batch_rows: found 0, expected a whole number",
-        ),
+        (lambda d: list(d.iter_batches(batch_rows=0)), "batch_rows: found 0, expected a whole number"),
         (lambda d: d.arrays(0), HISTORY.format(0)),
         (lambda d: d.arrays(-3), HISTORY.format(-3)),
         (lambda d: d.arrays(2, pad="zero"), "pad: found 'zero', expected repeat or drop"),
@@ -192,20 +155,6 @@ def test_files_may_be_links_as_in_the_cache_of_the_hub(dataset, tmp_path):
 def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
     child = python("-W", "error", "-c", ONLY_READING, dataset.path, timeout=60)
     assert (child.returncode, child.stderr) == (0, "")
-
-
-def test_a_dataset_is_looked_for_in_data(dataset, tmp_path, monkeypatch):
-    """By functions that read a folder; all of them take a dataset too."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copytree(dataset.path, "data/suite/set")
-    found = ibdata.open("suite/set")
-    assert found.place == "data/suite/set"
-    for place in ("suite/set", found):
-        assert ibdata.validate(place) == ibdata.repair(found) == []
-        assert ibdata.reproduce(place, episodes=1) == (1, [])
-    Path("suite").mkdir()
-    shutil.copytree(dataset.path, "suite/set")
-    assert ibdata.open("suite/set").place == "suite/set"
 
 
 TYPES = {

@@ -51,34 +51,6 @@ def test_whole_episodes_from_the_default_start_have_a_score(whole):
     assert "at the same setpoint: " in shown(whole.path)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [{"start": {"burn_in": [1, 2]}}, {"setpoints": {"drifting": 75}}, {"setpoints": 75, "steps": 999}],
-    ids=["start", "first value", "steps"],
-)
-def test_other_episodes_have_none(describe, tmp_path, changes):
-    experiment = describe(**{"setpoints": [70], "steps": 1000, "episodes": 1, **changes})
-    found = ibdata.generate(experiment, tmp_path / "made", workers=1).returns()
-    assert [r["reference_score"] for r in found["results"]] == [None, None]
-    assert found["scale"] is None
-
-
-@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
-def test_moving_setpoints_have_a_scale_of_their_own(describe, tmp_path, dynamics):
-    """A first value is no constant setpoint; the two scales differ by more than the returns scatter."""
-    changes = {"setpoints": {"drifting": [30, 70]}, "steps": 1000, "policies": [{"kind": "optimized"}]}
-    made = ibdata.generate(describe(**changes, dynamics=dynamics), tmp_path / "made", workers=1)
-    found, moving = made.returns(), scale(dynamics, "default", 1000, 1.0, drifting=True)
-    for result in found["results"]:
-        assert result["reference_score"] == moving.score(result["setpoint"], result["mean_return"])
-        assert result["reference_score"] != scale(dynamics, "default", 1000, 1.0).score(
-            result["setpoint"], result["mean_return"]
-        )
-    assert found["scale"] == moving.text
-    assert "at the same first value of the moving setpoint: " in shown(made.path)
-    assert "first value of the moving setpoint" in (made.path / "README.md").read_text(encoding="utf-8")
-
-
 @pytest.fixture(scope="module")
 def mixed(describe, whole, tmp_path_factory):
     """Episodes of 1000 steps at 69 and 70, then of 40 at 70 and 70.5, the first one's cell among them."""
@@ -116,17 +88,6 @@ def test_averages_are_over_setpoints_and_over_policies(dataset):
         assert a.mean_return == pytest.approx(rows["return"].mean())
         assert a.mean_reward == pytest.approx(rows["return"].mean() / 40)
         assert a.standard_error == pytest.approx(np.sqrt((cells.var() / 3).sum()) / cells.ngroups)
-
-
-def test_averages_of_two_lengths_are_apart(whole, mixed):
-    long, short = averages(mixed.returns()["results"])
-    assert (long.steps, short.steps, long.reference_score, short.reference_score) == (1000, 40, None, None)
-    [_, at_70] = whole.returns()["results"]  # there is no reference at 69
-    [own] = averages([at_70])
-    assert own.reference_score == at_70["reference_score"]
-    twice = {**at_70, "reference_score": at_70["reference_score"] + 10.0}
-    assert averages([at_70, twice])[0].reference_score == pytest.approx(own.reference_score + 5.0)
-    assert averages([at_70, {**at_70, "standard_error": None}])[0].standard_error is None
 
 
 def test_setpoints_count_alike_in_merged_data(tmp_path):

@@ -19,14 +19,6 @@ SELECTIONS = {
     "with a label": {"split": "calm", "setpoint": [70]},
     "splits": {"split": ["calm", "target"]},
 }
-# Conditions of `select` alone. The median return at 70 is an end, which is included.
-CHOICES = {
-    "an episode": {"episodes": 2},
-    "a range": {"episodes": range(1, 9), "policy": "random"},
-    "an array": {"episodes": np.array([7, 0]), "split": ["source", "target"]},
-    "high returns": {"returns": ("median", None), "setpoint": 70},
-    "low returns": {"returns": (None, "median"), "split": "calm"},
-}
 
 
 @pytest.fixture(scope="module")
@@ -69,18 +61,6 @@ def test_rows_that_meet_all_conditions_come_in_order(request, which, selection):
     assert sorted(selected.episodes["episode"]) == sorted(expected["episode"].unique())
     for rows, conditions in ((dataset, selection), (selected, {})):
         assert_rows(rows, expected, **conditions)
-
-
-@pytest.mark.parametrize("which", ["labelled", "one_file"])
-@pytest.mark.parametrize("choice", CHOICES.values(), ids=CHOICES)
-def test_chosen_episodes_are_read_in_order(request, which, choice):
-    dataset = request.getfixturevalue(which)
-    median = dataset.episodes["return"][dataset.episodes["setpoint"] == 70].sort_values().iloc[2]
-    if "returns" in choice:
-        choice = {**choice, "returns": tuple(median if end == "median" else end for end in choice["returns"])}
-    expected = by_hand(dataset, **choice)
-    assert 0 < expected["episode"].nunique() < len(dataset.episodes)
-    assert_rows(dataset.select(**choice), expected)
 
 
 def assert_rows(rows, expected, **conditions):
@@ -211,13 +191,6 @@ def test_an_empty_selection_has_no_rows_to_read(labelled, conditions):
         labelled.table(split="source", setpoint=70)
 
 
-def test_moving_setpoints_count_by_their_first_value(moving):
-    found = moving.to_pandas(setpoint=0.5)
-    assert len(found) == len(moving) / 2
-    starts = moving.episodes.set_index("episode")["setpoint"]
-    assert found["episode"].unique().tolist() == starts[starts == 0.5].index.tolist()
-
-
 @pytest.mark.parametrize(
     ("selection", "line"),
     [
@@ -238,11 +211,3 @@ def test_an_unknown_name_is_one_line_with_the_one_that_is_meant_or_the_known_one
             read(**selection)
         assert str(error.value).startswith(line)
         assert "\n" not in str(error.value)
-
-
-def test_where_there_are_no_splits_or_many_setpoints(describe, moving, tmp_path):
-    with pytest.raises(UsageError, match=r"^split: found 'train', expected no split: the dataset declares"):
-        moving.statistics("train")
-    many = describe(setpoints=[float(p) for p in range(50)], episodes=1, steps=1)
-    with pytest.raises(UsageError, match=r"one of 0, 1, .*, 39 and 10 more$"):
-        ibdata.generate(many, tmp_path / "many", workers=1).arrays(setpoint=50)

@@ -72,10 +72,7 @@ def test_the_statistics_of_a_later_split_are_those_of_its_rows(split, monkeypatc
             assert list(described["quantiles"].values()) == quantiles.tolist()
 
 
-DAMAGE = {
-    "no JSON": lambda path: path.write_text("{"),
-    "missing": lambda path: path.unlink(),
-}
+DAMAGE = {"no JSON": lambda path: path.write_text("{"), "missing": lambda path: path.unlink()}
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)

@@ -1,6 +1,5 @@
 """Results show as text in a terminal and as tables in a notebook, and become DataFrames."""
 
-import json
 import math
 import pickle
 import re
@@ -40,13 +39,6 @@ def test_the_numbers_of_a_column_have_the_same_decimals():
     assert column_texts([4e5 / 3, -1e-5 / 3]) == ["133,333.3333", "0.0000"]
 
 
-@pytest.mark.parametrize("high", [1e-5, 1.0, 1e3, 1e9])
-def test_no_digit_of_the_largest_number_is_lost(high):
-    numbers = [high * x for x in (1 / 3, -2 / 7, 1e-3 / 3)]
-    assert all(abs(float(text.replace(",", "")) - x) <= 1e-6 * high
-               for text, x in zip(column_texts(numbers), numbers, strict=True))  # fmt: skip
-
-
 def test_texts_of_a_dataset_can_forge_neither_lines_nor_html():
     table = Table(("name",), [("<b>\n\x1b[1m",)], ["<i>\nsafe"])
     assert as_text(table) == "name\n<b>\\n\\x1b[1m\n<i>\\nsafe"
@@ -84,15 +76,6 @@ def test_a_dataset_shows_what_it_holds_and_its_splits(dataset, moving):
     assert (repr(moving.splits), moving.splits) == ("no splits", {})
 
 
-def test_an_estimate_is_a_dict_and_a_table(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    guessed = ibdata.estimate("random")
-    assert json.loads(json.dumps(guessed)) == dict(guessed)
-    assert guessed["rows"] == guessed.to_pandas().loc[0, "rows"] == 10_000
-    assert cells(guessed._repr_html_())[:4] == ["random", "data/random", "10", "10,000"]
-    assert repr(guessed).startswith("out       data/random (nothing is written)\nepisodes  10\n")
-
-
 def test_the_problems_are_a_list_and_a_table(copied):
     fine = ibdata.validate(copied)
     assert (fine, repr(fine)) == ([], "no problems")
@@ -104,27 +87,3 @@ def test_the_problems_are_a_list_and_a_table(copied):
     assert cells(found._repr_html_())[:3] == ["meta/statistics.json", "–", "hash"]
     assert "meta/statistics.json" in repr(found)
     assert pickle.loads(pickle.dumps(found)) == found
-
-
-@pytest.fixture(scope="module")
-def evaluation():
-    return ibdata.evaluate(["optimized", "safe"], setpoint=[50, 70], steps=100, episodes=2)
-
-
-def test_an_evaluation_shows_results_differences_and_scale(evaluation):
-    text = repr(evaluation)
-    assert evaluation.scale in text
-    rows = [line.split() for line in text.split("\n")]
-    named = [[policy, place] for policy in ("optimized", "safe") for place in ("50", "70", "all")]
-    assert [row[:2] for row in rows[1:7]] == named
-    assert ["safe", "optimized", "all"] in [row[:3] for row in rows]
-    assert "all" in cells(evaluation._repr_html_())
-    frame = evaluation.to_pandas()
-    assert frame["mean_return"].tolist() == [result.mean_return for result in evaluation.results]
-    assert frame["setpoint"].isna().tolist() == [False, False, True] * 2
-
-
-def test_a_single_episode_has_neither_error_nor_score():
-    alone = repr(ibdata.evaluate("safe", steps=3, episodes=1, discount=1))
-    assert len(alone.split("\n")) == 4  # a row, and why
-    assert "–" in alone

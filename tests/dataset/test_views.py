@@ -39,13 +39,6 @@ def whole(make):
     return make(output={"shard_rows": 30, "latent": "next"})
 
 
-def test_the_classic_view_is_the_default_and_the_stored_reward(whole):
-    named = whole.arrays(view={"observe": "classic", "reward": "classic", "actions": False})
-    plain = whole.arrays()
-    assert all((plain[name] == named[name]).all() for name in plain)
-    assert (plain["rewards"] == whole.table(["reward"])["reward"].to_numpy()).all()
-
-
 def test_markov_frames_are_the_columns_in_their_order(whole):
     frame = view_options("markov").frame(drifting=False)
     arrays, rows = whole.arrays(view=MARKOV), whole.to_pandas()
@@ -68,12 +61,6 @@ def test_last_rows_without_a_next_state_are_left_out(whole, without):
         assert arrays[name].tolist() == rows[name].tolist()
 
 
-def test_a_list_of_observed_columns_needs_no_next_latent_state(without):
-    arrays = without.arrays(view={"observe": ["obs_fatigue", "obs_velocity"]})
-    assert (arrays["observations"] == without.arrays()["observations"][:, [4, 1]]).all()
-    assert len(arrays["rewards"]) == len(without)
-
-
 def test_previous_actions_are_of_the_row_before_or_zero(whole):
     arrays = whole.arrays(view={"actions": True}, history=2)
     frames, after = (arrays[name].reshape(-1, 2, 9) for name in ("observations", "next_observations"))
@@ -81,21 +68,6 @@ def test_previous_actions_are_of_the_row_before_or_zero(whole):
     begun = arrays["step"] > 0
     assert (frames[begun, 0, 6:] == arrays["actions"][:-1][begun[1:]]).all()
     assert (frames[~begun][:, :, 6:] == 0).all()
-
-
-def test_weights_of_the_benchmark_give_its_reward_up_to_rounding(whole):
-    classic = whole.arrays()["rewards"]
-    other = whole.arrays(view={"reward": {"consumption": 1, "fatigue": 3}})["rewards"]
-    assert (abs(classic - other) <= 2.0**-22 * abs(classic)).all()
-
-
-def test_delta_sums_to_the_change_over_the_episode(whole):
-    rows, delta = whole.to_pandas(), whole.arrays(view={"reward": "delta", "reward_scale": 0.5})["rewards"]
-    cost = rows["obs_consumption"] + 3.0 * rows["obs_fatigue"]
-    later = rows["next_obs_consumption"] + 3.0 * rows["next_obs_fatigue"]
-    sums = np.add.reduceat(delta, np.flatnonzero(rows["step"] == 0))
-    change = 0.5 * (cost[rows["step"] == 0].to_numpy() - later[rows["truncated"]].to_numpy())
-    assert sums == pytest.approx(change, rel=1e-4)
 
 
 VIEWS = {
@@ -137,13 +109,6 @@ def test_imperfections_are_the_same_in_a_selection(whole):
     assert not (every["observations"][:, :6] == whole.arrays()["observations"]).all(axis=0)[[1, 4, 5]].any()
 
 
-def test_a_float64_dataset_is_viewed_as_float32(make):
-    exact = make(output={"dtype": "float64", "latent": "next"})
-    assert exact.arrays()["observations"].dtype == np.float64
-    arrays = exact.arrays(view={**MARKOV, "reward": {"consumption": 1, "fatigue": 3}})
-    assert {arrays[name].dtype for name in ("observations", "actions", "rewards")} == {np.dtype(np.float32)}
-
-
 COLUMNS = "observe: found {}, expected columns of the dataset"
 
 
@@ -160,9 +125,3 @@ COLUMNS = "observe: found {}, expected columns of the dataset"
 def test_what_the_dataset_does_not_have_is_refused(whole, read, message):
     with pytest.raises(UsageError, match=message):
         read(whole)
-
-
-def test_a_further_column_is_not_in_place_of_an_array(whole):
-    """An episode ends one row earlier where a view leaves its last row out, whatever the dataset stored."""
-    with_column = whole.arrays(columns=["truncated"], view=MARKOV)
-    assert (with_column["truncated"] == whole.arrays(view=MARKOV)["truncated"]).all()

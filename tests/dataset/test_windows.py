@@ -1,16 +1,13 @@
 """Windows in memory and in a folder."""
 
-import errno
 import json
-import os
 import pickle
 
 import numpy as np
 import pytest
 
 import ibdata
-from ibdata.errors import IbdataError, UsageError
-from ibdata.system.part import LOCK
+from ibdata.errors import UsageError
 
 
 @pytest.mark.parametrize("history", [1, 3])
@@ -44,12 +41,6 @@ def test_what_are_neither_numbers_nor_a_mask_is_an_index_error(dataset):
             windows[beyond]
         with pytest.raises(IndexError, match="expected 0 …"):
             windows.batch([beyond])
-
-
-def test_values_are_kept_once_and_not_for_each_history(dataset):
-    windows = dataset.windows(history=30)
-    assert windows._stored.frames.shape == (len(dataset) + len(dataset.episodes), 6)
-    assert repr(windows) == "<ibdata.Windows: 480 transitions, 30 frames of 6 numbers>"
 
 
 def test_a_folder_keeps_the_values_and_is_used_again(dataset, tmp_path, monkeypatch):
@@ -89,45 +80,6 @@ def test_a_folder_does_not_serve_episodes_in_another_order(tmp_path):
         other.windows(policy="safe", folder=tmp_path / "windows")
 
 
-def test_episodes_without_a_transition_have_no_windows(tmp_path):
-    experiment = {"name": "short", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 1}
-    windows = ibdata.generate(experiment, tmp_path, workers=1).windows(view={"observe": ["latent_mu_v"]})
-    assert (len(windows), windows.left_out) == (0, 2)
-
-
-def test_a_full_disk_is_an_error_before_anything_is_mapped(dataset, tmp_path, monkeypatch):
-    """A map that cannot be filled would end the process."""
-
-    def full(descriptor, size):
-        assert size >= 480 * (2 * 6 * 4 / 2 + 3 * 4 + 4 + 2)
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("ibdata.system.files.reserve", full)
-    with pytest.raises(IbdataError, match=r"windows: cannot be written: No space left on device"):
-        dataset.windows(folder=tmp_path / "windows")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_cannot_hold_windows_is_refused(dataset):
-    for folder, line in (
-        (dataset.path / "data" / "windows", "lies within the dataset"),
-        (dataset.path.parent / ("w" * 300), "w: cannot be written: File name too long"),
-        ("s3://a/b", "^s3://a/b: found a URL, expected a path on this machine$"),
-    ):
-        with pytest.raises(IbdataError, match=line):
-            dataset.windows(folder=folder)
-
-
-def test_what_a_killed_process_has_left_is_removed(dataset, tmp_path):
-    """A kill leaves the part, with its lock, which the next call holds and clears."""
-    left = tmp_path / ".windows.part"
-    (left / "windows").mkdir(parents=True)
-    (left / "windows" / "frames.npy").write_bytes(b"half")
-    (left / LOCK).touch()
-    assert len(dataset.windows(folder=tmp_path / "windows")) == len(dataset)
-    assert [path.name for path in tmp_path.iterdir()] == ["windows"]
-
-
 @pytest.mark.parametrize(
     "options", [{}, {"history": 3}, {"split": "target", "view": {"observe": ["obs_gain"]}}]
 )
@@ -154,11 +106,6 @@ def test_a_pickle_is_the_folder_or_each_value_once(dataset, tmp_path, monkeypatc
         dataset.windows(folder=tmp_path / folder, policy="random")  # of other episodes
         with pytest.raises(UsageError, match=r"^folder: .*windows holds something else than these windows"):
             pickle.loads(sent)
-
-
-def test_arrays_may_be_changed(dataset):
-    for name, array in dataset.arrays(history=2).items():
-        assert array.flags.writeable, name
 
 
 def test_a_damaged_folder_is_refused(dataset, tmp_path):

@@ -32,13 +32,11 @@ SIGNS, PHIS = (-1, 1), range(-PHI_MAX, PHI_MAX + 1)
 SHIFTS = (-1.5, -0.9, -0.4, -0.13, -SAFE_ZONE, -0.05, 0.0, 0.1, SAFE_ZONE, 0.13, 0.2, 0.7, 1.1, 1.5)
 
 
-@pytest.mark.parametrize("phi", PHIS)
-@pytest.mark.parametrize(("delta", "psi"), list(itertools.product(SIGNS, SIGNS)))
-def test_the_direction_turns_as_printed(delta, psi, phi):
+def test_the_direction_turns_as_printed():
     """As the second implementation of equations (9) to (16), at every state and on both sides of z."""
-    for he in SHIFTS:
+    for delta, psi, phi, he in itertools.product(SIGNS, SIGNS, PHIS, SHIFTS):
         found = update_direction(delta, psi, phi, he)
-        assert found == printed.latents_of_miscalibration(delta, psi, phi, he), he
+        assert found == printed.latents_of_miscalibration(delta, psi, phi, he), (delta, psi, phi, he)
         assert found[0] in SIGNS
         assert found[1] in SIGNS
         assert abs(found[2]) <= PHI_MAX
@@ -97,28 +95,25 @@ def test_the_constants_are_the_rounded_values_of_the_appendix():
     assert [round(x, 10) for x in (ALPHA, BETA, KAPPA)] == [0.5849066324, 0.2924533162, -0.6367656874]
 
 
-@pytest.mark.parametrize("phi", range(7))
-def test_the_tables_are_the_rounded_values_of_the_appendix(phi):
-    rho_s, r_opt, r_min = radii(phi)
-    exponent = (2 - r_opt) / (2 - r_min)
-    factor = (2 - r_min) / (2 - r_opt) ** exponent
-    tables = (RHO_S, R_OPT, R_MIN, OMEGA_EXPONENT, OMEGA_FACTOR)
-    assert [t[phi] for t in tables] == [float(x) for x in (rho_s, r_opt, r_min, exponent, factor)]
-    assert {len(t) for t in tables} == {7}
+def test_the_tables_are_the_rounded_values_of_the_appendix():
+    rows = []
+    for phi in range(7):
+        rho_s, r_opt, r_min = radii(phi)
+        exponent = (2 - r_opt) / (2 - r_min)
+        factor = (2 - r_min) / (2 - r_opt) ** exponent
+        rows.append(tuple(map(float, (rho_s, r_opt, r_min, exponent, factor))))
+    assert list(zip(RHO_S, R_OPT, R_MIN, OMEGA_EXPONENT, OMEGA_FACTOR, strict=True)) == rows
 
 
-@pytest.mark.parametrize("phi", PHIS)
-@pytest.mark.parametrize("he", SHIFTS)
-def test_the_penalty_is_that_of_the_appendix(phi, he):
+def test_the_penalty_is_that_of_the_appendix():
     """Eqs. (17), (18) and (40) to (47) at 60 digits, with the sign of φ kept in ρˢ."""
     alpha, beta, kappa = constants()
-    rho_s, r_opt, r_min = radii(abs(phi))
-    size = mp.mpf(abs(he))
-    if size <= r_opt:
+    for phi, he in itertools.product(PHIS, SHIFTS):
+        rho_s, r_opt, r_min = radii(abs(phi))
+        size, exponent = mp.mpf(abs(he)), (2 - r_opt) / (2 - r_min)
         omega = size * r_min / r_opt
-    else:
-        exponent = (2 - r_opt) / (2 - r_min)
-        omega = r_min + (2 - r_min) / (2 - r_opt) ** exponent * (size - r_opt) ** exponent
-    omega = omega if he > 0 else -omega
-    m = -alpha * omega**2 + beta * omega**4 + kappa * (rho_s if phi >= 0 else -rho_s) * omega
-    assert penalty(phi, he) == pytest.approx(float(m), abs=5e-15)
+        if size > r_opt:
+            omega = r_min + (2 - r_min) / (2 - r_opt) ** exponent * (size - r_opt) ** exponent
+        omega = omega if he > 0 else -omega
+        m = -alpha * omega**2 + beta * omega**4 + kappa * (rho_s if phi >= 0 else -rho_s) * omega
+        assert penalty(phi, he) == pytest.approx(float(m), abs=5e-15), (phi, he)

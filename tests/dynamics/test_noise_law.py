@@ -7,12 +7,7 @@ import pytest
 from helpers import FULL
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
-from ibdata.dynamics.noise import (
-    amplification_cdf,
-    least_noise,
-    noise_component_cdf,
-    squashed_exponential_cdf,
-)
+from ibdata.dynamics.noise import amplification_cdf, noise_component_cdf, squashed_exponential_cdf
 
 DRAWS = 100_000 if FULL else 20_000
 # μᵛ, μᵍ before the step; velocity and gain, which give the effective values.
@@ -43,12 +38,6 @@ def test_the_law_is_that_of_many_steps_from_one_state(variant, case):
     share = (after.alpha <= x[:, None]).mean(axis=1)
     error = np.sqrt(np.maximum(cdf * (1.0 - cdf), 0.0) / DRAWS)
     assert np.all(np.abs(share - cdf) <= 4.0 * error + 1e-9)
-
-
-def test_the_five_states_are_different_cases():
-    k = PAPER.parameters
-    found = least_noise(np.array([0.2, 4.8, 1.15, 1.3, 3.0]), np.array([0.5, 0.5, 0.5, 0.5, 0.0]), k)
-    np.testing.assert_allclose(found, [3.06, -np.inf, 0.495, -np.inf, np.inf])
 
 
 @pytest.mark.parametrize("mean", [0.05, 0.1, 1.0])

@@ -80,26 +80,3 @@ def test_a_state_of_another_shape_is_refused(state, noise):
         step(State(state.values[:-1]), ZERO, noise)
     with pytest.raises(ValueError, match=r"^step: action: found shape \(2, 3\), expected \(1, 3\)"):
         step(State(state.values[:, :1]), ZERO, noise)
-
-
-@pytest.mark.parametrize("name", sorted(INTEGERS))
-def test_a_whole_variable_is_no_fraction(state, noise, name):
-    state.values[rows(name)[0], 1] = 0.5
-    with pytest.raises(ValueError, match=rf"^step: state.{name}: found .*, expected whole numbers"):
-        step(state, ZERO, noise)
-    with pytest.raises(ValueError, match="read-only"):
-        getattr(state, name)[1] = 0  # a copy, so that this would change nothing
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "expected"),
-    [("velocity", [1.0], r"\(2,"), ("domain", [1], r"\(2,"), ("direction", [1, 0.5], "whole numbers")],
-)
-def test_a_replaced_field_must_have_its_length_and_type(state, name, value, expected):
-    with pytest.raises(ValueError, match=rf"(?s)^state.{name}: found .*, expected {expected}"):
-        state.replace(**{name: np.array(value)})
-
-
-def test_a_state_says_which_variables_it_has(state):
-    with pytest.raises(AttributeError, match=r"no variable 'speed'; it has setpoint, velocity, .*"):
-        _ = state.speed

@@ -18,7 +18,6 @@ from ibdata.dynamics.consumption import operational_cost
 from ibdata.dynamics.state import FIELDS
 from ibdata.variables import of_role
 
-INTEGERS = {"domain", "response", "direction", "drift_left"}
 STEPS, LANES = 120, 48
 variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])
 
@@ -47,28 +46,6 @@ def test_the_initial_state_is_its_steerings_and_nothing_else():
     assert p.tolist() == shared.setpoint.tolist() == shared.gain.tolist() == [10.0, 20.0]
 
 
-@pytest.mark.parametrize("n", [0, 1, 7])
-def test_every_field_has_its_shape_and_type(n):
-    start = initial_state(np.full(n, 50.0))
-    after = step(start, np.zeros((n, 3)), tape.noise(np.random.default_rng(0), n))
-    for state in (start, after):
-        for name in FIELDS:
-            x = getattr(state, name)
-            assert x.dtype == (np.int64 if name in INTEGERS else np.float64), name
-            assert x.shape == ((n, 10) if name == "operational_cost" else (n,)), name
-
-
-def test_the_zero_action_step_moves_and_fills():
-    quiet = tape.noise(np.random.default_rng(0), 1)
-    half = np.array([0.5])
-    noise = quiet._replace(uniform_drift_length=half, uniform_drift_rate=half + 0.25, uniform_drift_zero=half)
-    state = step(initial_state(50.0, drifting=True), np.zeros((1, 3)), noise)
-    assert state.setpoint.tolist() == [50.5]  # b = -1 + 2 · 0.75
-    assert state.drift_left.tolist() == [49]  # l = 1 + ⌊99 · 0.5⌋ = 50, one of them used
-    assert state.operational_cost.tolist() == [[operational_cost(50.5, 50.0, 50.0)] * 10]
-    assert (state.velocity[0], state.gain[0], state.shift[0]) == (50.0, 50.0, 50.0)
-
-
 def test_a_whole_step_of_the_authors_system_by_hand():
     """From p = v = g = h = 50 with Δ = (1, -0.5, 0), all exponential draws and both normals 0, no event."""
     zero, late = np.zeros(1), np.full(1, 0.9)
@@ -93,27 +70,6 @@ def test_a_step_changes_nothing_that_it_was_given(variant):
     before = [x.tobytes() for x in (state.values, action, *noise)]
     step(state, action, noise, variant)
     assert [x.tobytes() for x in (state.values, action, *noise)] == before
-
-
-@variants
-@pytest.mark.parametrize("size", [1, 3, 16])
-def test_batches_of_any_size_and_order_give_the_same_bits(played, variant, size):
-    drawn, start = tape.draw(11, STEPS, LANES), tape.start(LANES, "half")
-    order = np.random.default_rng(size).permutation(LANES)
-    for low in range(0, LANES, max(size, 7)):
-        lanes = order[low : low + size]
-        part = tape.Tape(drawn.actions[:, lanes], Noise(*(x[:, lanes] for x in drawn.noise)))
-        alone = tape.stack(tape.play(tape.take(start, lanes), part, variant))
-        together = tape.take(played[variant], (slice(1, None), lanes))
-        assert tape.changed(alone, together) == set()
-
-
-def test_a_variant_may_be_named():
-    noise = tape.noise(np.random.default_rng(3), 2)
-    start, action = initial_state([30.0, 70.0]), np.ones((2, 3))
-    assert tape.changed(step(start, action, noise, "paper"), step(start, action, noise, PAPER)) == set()
-    assert tape.changed(step(start, action, noise), step(start, action, noise, SIEMENS)) == set()
-    assert tape.changed(step(start, action, noise), step(start, action, noise, PAPER)) != set()
 
 
 @variants

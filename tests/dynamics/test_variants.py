@@ -9,7 +9,7 @@ import re
 import pytest
 
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
-from ibdata.dynamics.variants import Parameters, resolve
+from ibdata.dynamics.variants import resolve
 
 NAN = math.nan
 # field: (paper, siemens, the rule, what the rule refuses), in the order of the fields
@@ -66,17 +66,6 @@ def test_each_field_has_the_values_of_the_two_sources():
     assert all(paper != siemens for paper, siemens in found.values())
 
 
-def test_the_kernel_gets_the_numbers_of_the_fields_as_floats():
-    """So it is compiled once."""
-    weights = (0.11111, 0.22222, 0.33333, 0.22222, 0.11111)
-    before = (0.1, 2.0, 0.5, 100.0, 0.0, 0.0, 100.0, 0.001, 0.999, 5.0)
-    whole = dataclasses.replace(SIEMENS, alpha_threshold=5, consumption_offset=1)
-    for variant in (SIEMENS, whole):
-        assert repr(variant.parameters) == repr(
-            Parameters(*before, weights, 1.0, 0.005, -1.0, 1.0, 99.0, 0.0, 0.5)
-        )
-
-
 @pytest.mark.parametrize(("field", "value", "rule"), BROKEN)
 def test_a_field_that_breaks_its_rule_is_refused(field, value, rule):
     message = (
@@ -84,12 +73,6 @@ def test_a_field_that_breaks_its_rule_is_refused(field, value, rule):
     )
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(SIEMENS, **{field: value})
-
-
-def test_all_broken_rules_are_named_at_once():
-    message = r"eta_mean must be in .*; consumption_noise must be in \[0, 0.04\]; found"
-    with pytest.raises(ValueError, match=message):
-        dataclasses.replace(PAPER, eta_mean=-1.0, consumption_noise=-1.0)
 
 
 def test_a_variant_is_found_by_its_name_or_is_one():

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 from helpers import by_hand
-from helpers.policies import Watching
 
 import ibdata
-from ibdata.environment.replayed import Noise, Replay
+from ibdata.environment.replayed import Replay
 from ibdata.environment.settings import settings
 from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import UsageError
-from ibdata.evaluation.states import Source
-from ibdata.numerics.random import Purpose, integers
 from ibdata.policies import OBSERVATION
 
 ACTIONS = [f"act_{name}" for name in ("velocity", "gain", "shift")]
@@ -87,20 +81,6 @@ def test_the_actions_of_an_episode_give_its_rows_bit_for_bit(played):
         check_rows(lane, noise, rows)
 
 
-def test_the_first_observations_are_those_of_the_burn_in(played):
-    expected = Source(played.stored).carries_at(
-        np.arange(12), np.zeros(12, dtype=int), Watching(frames=FRAMES)
-    )
-    lane, many = Lane(settings_of(played)), Simulation(settings_of(played), 12)
-    begun(many, played, range(12))
-    np.testing.assert_array_equal(many.carry.observations, expected.observations)
-    for episode in range(12):
-        begun(lane, played, episode)
-        np.testing.assert_array_equal(lane.carry.observations[0], expected.observations[episode])
-    differing = (many.carry.observations[:, 0] != many.carry.observations[:, -1]).any(axis=1)
-    assert differing.sum() >= 8 or played.manifest["experiments"][0]["start"] in ("default", "uniform")
-
-
 @pytest.mark.parametrize(
     "view",
     [
@@ -151,43 +131,6 @@ def test_a_replay_through_a_view_shows_its_rows(played, view):
             np.testing.assert_array_equal(after, arrays["next_observations"][row])
             assert np.float32(reward) == arrays["rewards"][row]
             assert cost == (arrays["costs"][row] if "cost" in view else None)
-
-
-def test_the_noise_goes_on_after_the_end_of_the_episode(describe, tmp_path):
-    """A longer dataset of the same cells has the same rows first."""
-    short, long = (
-        ibdata.generate(describe(steps=n, start="uniform"), tmp_path / str(n), workers=1) for n in (10, 150)
-    )
-    lane, rows = Lane(settings_of(short)), long.to_pandas().query("episode == 5").reset_index(drop=True)
-    check_rows(lane, *begun(lane, short, 5), rows)
-
-
-def test_the_other_lanes_stay_as_they_are(dataset):
-    many = Simulation(settings_of(dataset), 3)
-    begun(many, dataset, [1, 2, 3])
-    before = many.observations()
-    [noise] = begun(many, dataset, [7, 8, 9], which=[1])
-    after, alone = many.observations(), Simulation(settings_of(dataset), 1)
-    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
-    [other] = begun(alone, str(dataset.path), 8)  # named by its folder
-    np.testing.assert_array_equal(after[1], alone.observations()[0])
-    np.testing.assert_array_equal(noise.random_raw(9), other.random_raw(9))
-
-
-@pytest.mark.parametrize("drifting", [False, True])
-def test_integers_come_in_the_order_of_the_steps(drifting):
-    key, index = np.array([3, 2**63], dtype=np.uint64), 5
-    parts = [
-        integers(key[None], np.array([index]), purpose, 1, 300, slots)[:, :, 0]
-        for purpose, slots in [(Purpose.DYNAMICS, 8), (Purpose.DRIFT, 4)][: 1 + drifting]
-    ]
-    expected = np.hstack(parts).ravel()
-    for counts in ([8] * 100, [512] * 4, [1, 700, 30, 512, 2]):
-        noise = Noise(index, key, drifting)
-        taken = np.concatenate([noise.random_raw(count) for count in counts])
-        np.testing.assert_array_equal(taken, expected[: len(taken)])
-        for other in (copy.deepcopy(noise), pickle.loads(pickle.dumps(noise))):
-            np.testing.assert_array_equal(other.random_raw(8), expected[len(taken) :][:8])
 
 
 @pytest.mark.parametrize(

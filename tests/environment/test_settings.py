@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Noise, initial_state, step
+from ibdata.dynamics import VARIANTS, Noise, initial_state, step
 from ibdata.environment.actions import (
     DISCRETE,
     continuous_action,
@@ -15,11 +13,7 @@ from ibdata.environment.actions import (
     discrete_action,
     discrete_actions,
 )
-from ibdata.environment.settings import (
-    consumption_bounds,
-    frame_bounds,
-    settings,
-)
+from ibdata.environment.settings import consumption_bounds, settings
 from ibdata.environment.streams import refuse_negative
 from ibdata.errors import UsageError, excerpt
 
@@ -46,33 +40,6 @@ def test_a_setting_that_cannot_be_meant_is_named(name, value):
     assert str(caught.value) == f"{name}: {WRONG[name][value]}"
 
 
-@pytest.mark.parametrize(
-    ("setpoint", "first", "drifting"),
-    [
-        (70, 70.0, False),
-        (np.int64(70), 70.0, False),
-        ("drifting", 50.0, True),
-        ({"drifting": 10}, 10.0, True),
-    ],
-)
-def test_setpoints_are_numbers_or_move(setpoint, first, drifting):
-    given = settings(setpoint=setpoint)
-    assert (given.setpoint, given.world.drifting) == (first, drifting)
-
-
-@pytest.mark.parametrize(
-    ("dynamics", "variant"),
-    [
-        ("paper", PAPER),
-        ({"base": "paper", "eta_mean": 0.1}, dataclasses.replace(PAPER, eta_mean=0.1)),
-        (dataclasses.replace(SIEMENS, drift_length=7), dataclasses.replace(SIEMENS, drift_length=7)),
-    ],
-    ids=["name", "mapping", "Variant"],
-)
-def test_dynamics_are_a_name_a_mapping_or_a_variant(dynamics, variant):
-    assert settings(dynamics=dynamics).world.variant == variant
-
-
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_the_extremes_of_consumption_are_near_its_bounds(variant):
     """The dearest and the cheapest steerings, the worst and the best of m, the normal draw at its ends."""
@@ -91,32 +58,11 @@ def test_the_extremes_of_consumption_are_near_its_bounds(variant):
     assert min(seen) < low + 30.0
 
 
-def test_an_observation_s_bounds_are_those_of_the_columns():
-    low, high = frame_bounds(settings(dynamics=SIEMENS))
-    assert low[:5] == [0, 0, 0, 0, 0]
-    assert high[:5] == [100, 100, 100, 100, 300]
-    assert (round(low[5], 2), round(high[5], 1)) == (-7.28, 5183.2)
-
-
 def test_the_last_of_velocity_gain_and_shift_changes_fastest():
     digits = [tuple(float(x) - 1 for x in np.base_repr(i, 3).zfill(3)) for i in range(27)]
     assert list(DISCRETE) == digits
     for kind in (int, np.uint8, np.array):  # a number of Python's or numpy's
         assert [discrete_action(kind(i)) for i in range(27)] == digits
-
-
-@pytest.mark.parametrize("kind", [list, np.array, lambda x: np.array(x, dtype=np.uint8)])
-def test_discrete_actions_of_many_lanes_are_those_of_one(kind):
-    found = discrete_actions(kind([0, 26, 5]), 3)
-    assert (found.dtype, found.shape) == (np.float32, (3, 3))
-    assert found.tolist() == [list(discrete_action(i)) for i in (0, 26, 5)]
-
-
-@pytest.mark.parametrize("given", [[0.1, -7, 2], (0, 0, 0), np.array([1e300] * 3), np.ones(3, "f4")[::-1]])
-def test_actions_are_clipped_and_rounded_alike(given):
-    expected = np.clip(np.array(given, dtype=np.float64), -1.0, 1.0).astype(np.float32).tolist()
-    assert {type(x) for x in continuous_action(given)} == {float}
-    assert continuous_actions([given, continuous_action(given)], 2).tolist() == [expected, expected]
 
 
 REFUSED = [
@@ -144,22 +90,11 @@ def test_other_actions_are_refused_in_one_line(convert, expected, wrong):
         assert "\n" not in str(caught.value)
 
 
-def test_the_setting_of_discrete_actions_is_true_or_false():
-    assert settings(discrete_actions=np.True_).discrete_actions is True
-    with pytest.raises(UsageError, match="discrete_actions: found 1, expected True or False"):
-        settings(discrete_actions=1)
-
-
 @pytest.mark.parametrize("seeds", [[-1], [0, None, -1]], ids=["one", "several"])
 def test_a_negative_seed_is_refused_in_one_line(seeds):
     refuse_negative([None, 0, 2**70])
     with pytest.raises(UsageError, match=r"^seed: found -1, expected a whole number of at least 0$"):
         refuse_negative(seeds)
-
-
-def test_inexact_measurements_have_no_bounds():
-    low, high = frame_bounds(settings(view={"imperfections": {"noise": {"obs_gain": 1.0}}}))
-    assert (low[2], high[2]) == (-np.inf, np.inf)
 
 
 def test_a_constant_setpoint_has_no_drift_to_see():

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 from helpers import by_hand
 
-from ibdata import state_at
 from ibdata.dynamics import initial_state
 from ibdata.environment.actions import continuous_action, continuous_actions
 from ibdata.environment.settings import frame_bounds, settings
 from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import UsageError
-from ibdata.numerics.random import Purpose, integers, stream_key
-from ibdata.policies import OBSERVATION
-from ibdata.simulation.episodes import hidden as hidden_variables
 
 
 class Tape:
@@ -35,28 +28,6 @@ class Tape:
 
 def random_tape(lanes, seed=0):
     return Tape(np.random.Philox(seed).random_raw(lanes * 4000).reshape(lanes, 4000))
-
-
-def actions_of(recorded):
-    names = ("act_velocity", "act_gain", "act_shift")
-    return np.array([recorded.columns[name] for name in names]).T
-
-
-def test_fed_a_datasets_integers_it_is_its_episode(case, recorded):
-    simulation, tape = Simulation(settings(**case), 1), Tape(recorded.integers)
-    columns = recorded.columns
-    names = hidden_variables(simulation.settings.world.drifting)
-    simulation.reset(simulation.everyone, tape)
-    for t, action in enumerate(actions_of(recorded)):
-        seen, hidden = simulation.observations()[0], simulation.info()
-        assert seen.tolist() == [columns[f"obs_{name}"][t] for name in OBSERVATION]
-        assert set(hidden) == {f"latent_{name}" for name in names}
-        for name, value in hidden.items():
-            assert np.float32(value[0]) == columns[name][t]
-        [reward] = simulation.step(simulation.everyone, action[None], tape)
-        assert np.float32(reward) == columns["reward"][t]
-    assert simulation.observations()[0].tolist() == [columns[f"next_obs_{name}"][t] for name in OBSERVATION]
-    assert tape.at[0] == len(recorded.integers)
 
 
 @pytest.mark.parametrize(
@@ -131,24 +102,6 @@ def test_the_environment_is_a_simulation_of_one_lane(options):
         assert [type(value) for value in info.values()] == [type(value) for value in expected.values()]
 
 
-@pytest.mark.parametrize(
-    ("kind", "copied"),
-    [(Lane, copy.deepcopy), (lambda given: Simulation(given, 1), lambda x: pickle.loads(pickle.dumps(x)))],
-)
-def test_a_copy_goes_on_by_itself(kind, copied):
-    one, tape = kind(settings(setpoint="drifting")), random_tape(1)
-    one.reset(one.everyone, tape)
-    other, tapes, action = copied(one), copied(tape), np.ones((1, 3), dtype=np.float32)
-    for _ in range(3):
-        rewards = other.step(other.everyone, action, tapes)
-    assert other.info() != one.info()
-    for _ in range(3):
-        own = one.step(one.everyone, action, tape)
-    assert other.info() == one.info()
-    assert rewards == own
-    assert other.observations().tolist() == one.observations().tolist()
-
-
 def test_the_first_delta_reward_is_within_the_episode():
     """In a lane that begins anew among others, it is that from its first observation to its second."""
     simulations = [Simulation(settings(view={"reward": reward}), 3) for reward in ("delta", "classic")]
@@ -172,51 +125,11 @@ def test_the_first_delta_reward_is_within_the_episode():
         np.testing.assert_allclose(found, rewards + before[moving], rtol=1e-4, atol=1e-3)
 
 
-def test_a_lane_goes_on_from_the_state_of_a_row(either):
-    """Fed the dataset's own integers from there on, it gives the rows that follow."""
-    experiment, frame = by_hand.experiment_of(either), either.to_pandas()
-    episode, first = 5, 20
-    rows = frame[(frame["episode"] == episode) & (frame["step"] >= first)].reset_index(drop=True)
-    cell, index = divmod(episode, experiment.episodes)
-    start = 50.0 if not experiment.drifting else {"drifting": 50.0}
-    lane = Lane(settings(setpoint=start, dynamics=experiment.dynamics, history=2))
-    key = stream_key(experiment.seed, experiment.cells[cell].digest)[None]
-
-    def at(purpose, step, slots):
-        return integers(key, np.array([index]), purpose, step, 1, slots)[0, :, 0]
-
-    lane.set_state(state_at(either, (episode, first)), lane.everyone, random_tape(1))
-    observations = rows[[f"obs_{name}" for name in OBSERVATION]].to_numpy(dtype=np.float32)
-    assert lane.observations()[0].tolist() == [*observations[0], *observations[0]]
-    for t, action in enumerate(rows[["act_velocity", "act_gain", "act_shift"]].to_numpy(dtype=np.float32)):
-        raw = at(Purpose.DYNAMICS, first + t + 1, 8)
-        if experiment.drifting:
-            raw = np.concatenate([raw, at(Purpose.DRIFT, first + t + 1, 4)])
-        for name, value in lane.info().items():
-            assert value[0].astype(rows[name].dtype) == rows[name][t]
-        seen, reward, _ = lane.move(continuous_action(action), raw)
-        assert np.float32(reward) == np.float32(rows["reward"][t])
-        assert (seen[6:] == observations[t]).all()
-
-
-def test_each_branch_is_measured_with_noise_of_its_own():
-    simulation = Simulation(settings(setpoint=70, view={"imperfections": {"noise": {"obs_gain": 1.0}}}), 3)
-    state, tape, seen = initial_state([70.0] * 3), random_tape(3), []
-    for _ in range(2):
-        simulation.set_state(state, simulation.everyone, tape)
-        seen += simulation.observations()[:, 2].tolist()
-    assert len(set(seen)) == 6
-    assert np.abs(np.array(seen) - 50.0).max() < 6.0
-
-
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
         (lambda state: by_hand.side_by_side(state, state), "set_state: found a state of 2 lanes, expected a"),
-        (
-            lambda state: state.replace(mu_v=[9.0]),
-            "set_state: state.mu_v: found [9.], expected numbers",
-        ),
+        (lambda state: state.replace(mu_v=[9.0]), "set_state: state.mu_v: found [9.], expected numbers"),
         (
             lambda state: state.replace(drift_left=[3]),
             'set_state: found a state of a moving setpoint; make the environment with setpoint="drifting"',
@@ -233,15 +146,3 @@ def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
         UsageError, match="found a state of a constant setpoint; make the environment with setpoint=a"
     ):
         moving.set_state(initial_state([70.0]), moving.everyone, random_tape(1))
-
-
-def test_clean_values_stay_in_the_info():
-    simulation, tape = Simulation(settings(**VIEWS["troubles"]), 2), random_tape(2)
-    simulation.reset(simulation.everyone, tape)
-    for _ in range(4):
-        simulation.step(simulation.everyone, np.ones((2, 3), dtype=np.float32), tape)
-    info = simulation.info()
-    assert (info["clean_obs_consumption"] == simulation.carry.observations[:, 0, 5]).all()
-    assert not (simulation.observations()[:, 5] == simulation.carry.observations[:, 0, 5]).any()
-    clean = {"clean_obs_fatigue", "clean_obs_consumption", "clean_obs_velocity"}
-    assert {name for name in info if name.startswith("clean_")} == clean

@@ -32,28 +32,6 @@ def shipped(monkeypatch):
     monkeypatch.setattr(against, "shipped_baselines", lambda: lines)
 
 
-def test_an_algorithm_has_a_line_over_its_seeds(shipped):
-    found = ibdata.evaluate(["safe", "optimized"], against="optimized-40")
-    assert found.returns.shape == (2, 1, 200)
-    assert [(d.policy, d.minus) for d in found.differences] == [("optimized", "safe")]
-    shown = [(each.policy, each.algorithm, each.seeds) for each in found.baselines]
-    lines = [("behaviour", 1), ("bc", 2), ("cql", 0)]
-    assert shown == [(policy, *line) for policy in ("safe", "optimized") for line in lines]
-    behaviour, bc, cql = found.baselines[3:]
-    assert behaviour[4:7] == pytest.approx([-6100.0] * 3)
-    assert bc[4:7] == pytest.approx([-5990.0, -6000.0, -5980.0])
-    assert cql[4:7] == cql[8:] == (None, None, None)
-    expected = found.returns[1, 0] - (OWN + 10.0)
-    assert bc.mean_difference == pytest.approx(expected.mean(), abs=0.01)
-    assert bc.standard_error == pytest.approx(expected.std(ddof=1) / np.sqrt(200), rel=1e-4)
-
-
-def test_the_shipped_behaviour_does_not_differ_from_itself():
-    behaviour, *_ = ibdata.evaluate("optimized", against="optimized-0").baselines
-    assert abs(behaviour.mean_difference) < 0.001
-    assert behaviour.standard_error < 0.001
-
-
 TWO = {**LITERATURE, "setpoint": [20.0, 50.0], "episodes": 3, "steps": 4}
 ANYWHERE = {**TWO, "start": {"burn_in": [2, 5]}, "discount": 1.0}
 

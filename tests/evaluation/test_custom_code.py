@@ -40,15 +40,6 @@ def test_helpers_of_one_name_in_two_folders_are_refused(version):
         evaluated(two)
 
 
-def test_an_edit_of_the_file_that_is_named_counts_at_once(version):
-    path = version("two", 1.0)
-    before = list(sys.path)
-    for sign in (1.0, -1.0, 1.0):
-        path.with_name("own_two.py").write_text(POLICY.replace("SIZE)", f"{sign} * SIZE)"))
-        np.testing.assert_array_equal(evaluated(path)[0], constant(sign))
-    assert sys.path == before
-
-
 EXPLORER = """
 import numpy as np
 from helper_of_explorer import PUSH

@@ -27,17 +27,6 @@ POLICY = (
 ADDRESSES = {ENVIRONMENT: "de83d400", POLICY: "ad3c2f08"}
 
 
-class Predicting:
-    """A learned policy as SB3 and d3rlpy have them."""
-
-    def __init__(self, answer):
-        self.answer, self.seen = answer, []
-
-    def predict(self, observation):
-        self.seen.append(observation)
-        return self.answer(observation)
-
-
 def digest(form):
     return hashlib.sha256(form.encode()).digest()
 
@@ -49,13 +38,6 @@ def replayed(index, discount, actions):
         state = by_hand.moved(state, action, by_hand.noise(3, digest(ENVIRONMENT), index, t), SIEMENS)
         total += discount ** (t - 1) * float(state.reward[0]) if t > 0 else 0.0
     return total
-
-
-@pytest.mark.parametrize("discount", [1.0, 0.97, 0.0])
-def test_the_return_is_the_discounted_sum_of_rewards(discount):
-    found = returns(NUDGE, discount=discount, seed=3)[0]
-    expected = [replayed(index, discount, [NUDGE["action"]] * 30) for index in range(4)]
-    assert found == pytest.approx(expected, rel=1e-13)
 
 
 def test_a_policys_own_draws_come_from_the_address_with_its_form():
@@ -108,11 +90,3 @@ def test_a_policy_sees_its_history_newest_first():
     after = np.array(longer.seen[-30:])[:, :, 0].astype(np.float64)
     rewards = -after[:, :, 5] - 3.0 * after[:, :, 4]
     assert found == pytest.approx((0.9 ** np.arange(30.0)) @ rewards, rel=1e-6)
-
-
-def test_predict_gets_flat_histories_and_may_return_a_state():
-    model = Predicting(lambda observation: (np.zeros((len(observation), 3)), None))
-    np.testing.assert_array_equal(returns(model, history=2), returns("constant"))
-    assert {x.shape for x in model.seen[-30:]} == {(4, 12)}
-    np.testing.assert_array_equal(model.seen[-1][:, 6:], model.seen[-2][:, :6])
-    np.testing.assert_array_equal(returns(Predicting(lambda x: np.zeros((len(x), 3)))), returns("constant"))

@@ -81,13 +81,6 @@ def test_a_file_of_a_model_says_what_to_do(tmp_path, monkeypatch, name, message)
     assert message in str(caught.value)
 
 
-def test_labels_are_the_names_and_later_equal_ones_are_numbered():
-    given = ["random", {"kind": "random"}, {"kind": "random", "name": "calm"}, {"Fred": "random"}]
-    found = evaluate(given, episodes=2, steps=2)
-    assert [r.policy for r in found.results] == ["random", "random-2", "calm", "Fred"]
-    assert (found.returns == found.returns[0]).all()  # labels change no random number
-
-
 class Seeing:
     """Does nothing, but only with as many observations as it wants."""
 
@@ -99,25 +92,12 @@ class Seeing:
         return np.zeros((len(observations), 3))
 
 
-@pytest.mark.parametrize("needs", [lambda self: Needs(history=3), {"history": 3}, (3, 0, 0, 0)])
-def test_needs_of_another_type_are_refused(needs):
-    """A forgotten @property must not mean that the object sees one observation."""
-    policy = type("Mine", (Seeing,), {"needs": needs})(3)
-    with pytest.raises(UsageError, match=r"^Mine.needs: found .*, expected an attribute or a property"):
-        evaluate(policy, steps=3, episodes=2)
-
-
 def test_a_tuple_is_actions_and_a_state():
     def three(observations):
         return tuple(np.ones(len(observations), dtype=np.int64) for _ in range(3))
 
     with pytest.raises(PolicyError, match="found a tuple of 3, expected actions, or actions and a state"):
         evaluate(three, steps=3, episodes=2)
-
-
-def test_the_memory_of_all_setpoints_counts():
-    with pytest.raises(UsageError, match=r"^episodes: "):
-        evaluate("safe", setpoint=[float(p) for p in range(101)], steps=1, episodes=2 * 10**7)
 
 
 def test_policies_may_have_own_labels_and_histories():
@@ -134,15 +114,6 @@ def test_policies_may_have_own_labels_and_histories():
     assert (
         evaluate([Seeing(3), "constant"], history=3, steps=3, episodes=2).returns == found.returns[3]
     ).all()
-
-
-def test_functions_are_policies():
-    def nudge(observations):
-        return np.tile(np.float32(NUDGE["action"]), (len(observations), 1))
-
-    found = evaluate([nudge, lambda seen: (nudge(seen), None), NUDGE], steps=30, episodes=4)
-    assert [r.policy for r in found.results] == ["nudge", "lambda", "constant"]
-    assert (found.returns == found.returns[2]).all()
 
 
 ALIKE = {"setpoint": 20, "steps": 12, "episodes": 3, "seed": 4}
@@ -177,16 +148,6 @@ def test_an_object_sees_the_whole_state_and_its_actions():
     assert (now[1:, :, 0, 7:15] == now[:-1, :, 0, 6:14]).all()  # θ is a shift register
     assert (now[1:, :, 0, 20:] == np.float32([0.5, -0.25, 0.125])).all()
     assert (now[0, :, 0, 20:] == 0).all()
-
-
-def test_imperfections_change_what_is_seen_and_not_what_happens():
-    plain, clean = watched()
-    seen, found = watched(view={"imperfections": TROUBLES})
-    now, true = seen[:, :, 0], plain[:, :, 0]
-    assert (now[2:, :, 4] == true[:-2, :, 4]).all()
-    assert not (now[:, :, 2] == true[:, :, 2]).any()
-    assert (now[:, :, [0, 3, 5]] == true[:, :, [0, 3, 5]]).all()
-    assert found.returns.tolist() == clean.returns.tolist()
 
 
 def test_imperfections_are_those_of_a_dataset_at_the_same_step():
@@ -226,33 +187,6 @@ def test_a_view_that_an_object_within_another_policy_would_not_see_is_refused():
         with pytest.raises(UsageError, match=r"^view: found (epsilon_greedy|b), an object within"):
             ibdata.evaluate(given, **ALIKE, view={"observe": "markov"})
     ibdata.evaluate([Watcher(), within], **ALIKE, view={"reward": "delta"})  # which all get
-
-
-def test_an_objects_view_leaves_other_policies_alone():
-    both = ibdata.evaluate([Watcher(), "optimized"], **ALIKE, view={"observe": ["obs_gain"]})
-    assert both.returns[1].tolist() == ibdata.evaluate("optimized", **ALIKE).returns[0].tolist()
-
-
-def test_an_object_that_remembers_sees_the_step_of_a_given_first_action(tmp_path):
-    class Counting:
-        def reset(self):
-            self.step = 0
-
-        def predict(self, seen):
-            self.step += 1
-            return np.zeros((len(seen), 3))
-
-    config = {"name": "few", "setpoints": 50, "policies": ["random"], "steps": 5}
-    made = ibdata.generate(config, out=tmp_path / "few")
-    values = ibdata.true_values(made, (0, 0), Counting(), actions=[[0, 0, 0]], steps=5)
-    assert np.isfinite(values.results[0].value)
-
-
-def test_a_function_may_have_any_name():
-    def políticä(seen):
-        return np.zeros((len(seen), 3))
-
-    assert evaluate(políticä, episodes=2, steps=5).results[0].policy == "pol-tic"
 
 
 def test_a_density_cannot_change_the_actions_that_are_stored(tmp_path):

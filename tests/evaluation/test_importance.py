@@ -60,13 +60,6 @@ def test_steps_from_which_all_weights_are_0_are_named():
     assert [each.mean_return for each in found.results] == [None, 1.5, 0.0]
 
 
-def test_weights_of_long_episodes_may_underflow():
-    found = of_logs(np.array([[-1000.0], [-1000.0 - np.log(3.0)]]), np.array([[-4.0], [-8.0]]), 1.0)
-    assert found.weights.tolist() == [[0.0], [0.0]]
-    assert found.results[0].mean_return == pytest.approx(-5.0)
-    assert found.effective == pytest.approx([1.6])
-
-
 def test_weights_that_overflow_have_no_estimate():
     ratios = Ratios(np.zeros((3, 50)), np.zeros((3, 50)))
     ratios.recorded[0] = 20.0
@@ -112,18 +105,6 @@ def test_an_estimate_that_lacks_rare_episodes_is_named():
     assert re.search(r"per decision is 3\.[67]\d of its standard errors from weighted, more", repr(found))
 
 
-def test_an_error_of_0_is_an_error_too():
-    """Weights of long episodes underflow, and estimates are 0 ± 0; equal returns leave no doubt."""
-    logs, rewards = np.full((200, 1), -1000.0), np.linspace(-4.0, -8.0, 200)[:, None]
-    found = of_logs(logs, rewards, 1.0)
-    assert [(each.mean_return, each.standard_error) for each in found.results[1:]] == [(0.0, 0.0)] * 2
-    assert warned_of(found) == ["per decision", "ordinary"]
-    assert "ordinary is infinitely many of its standard errors from weighted" in repr(found)
-    tiny = of_logs(logs / 4.0 + np.linspace(0.0, 1.0, 200)[:, None], rewards, 1.0)
-    assert re.search(r"ordinary is \d\.\d+e\+\d+ of its", repr(tiny))
-    assert warned_of(of_logs(np.zeros((200, 1)), np.full((200, 1), -0.1), 1.0)) == []
-
-
 def test_estimates_far_off_have_a_warning_and_near_ones_none():
     """Of normal actions, with the target's mean 1 or 3 standard deviations away."""
     warned = {True: [], False: []}
@@ -152,19 +133,6 @@ def dataset(tmp_path_factory):
     return ibdata.generate(experiment, tmp_path_factory.mktemp("importance") / "x", workers=1)
 
 
-@pytest.mark.parametrize("base", ["bad", "expert"])  # which remembers nothing, and what it saw
-def test_each_episode_has_its_own_trial_draws(base):
-    """In whatever part of the data it is read: parts with the same draws would err in the same way."""
-    behaviour, target = (
-        policy_of({"kind": "gaussian", "base": {"kind": base}, "scale": scale}) for scale in (0.5, 0.4)
-    )
-    data = Data(behaviour, 30)
-    whole = data.ratios(target).drawn
-    assert len(np.unique(whole)) > 0.8 * whole.size
-    parts = [data.ratios(target, part).drawn for part in (slice(0, 10), slice(10, 30))]
-    assert np.concatenate(parts) == pytest.approx(whole, rel=1e-12)
-
-
 def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
     """A small rest could be refused for one rare action."""
     whole, sizes = ibdata.importance(dataset, "random"), []
@@ -181,55 +149,6 @@ def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
     assert in_parts.notes == whole.notes
 
 
-class Near:
-    """Acts near the mean of what it saw and did, and keeps how many frames it saw at a time."""
-
-    needs = Needs(history=3, step_draws=3)
-
-    def __init__(self):
-        self.frames = []
-
-    def decide(self, observed):
-        self.frames.append(observed.observations[..., 0].size)
-        mean = observed.observations[:, :, 1:4].mean(axis=1) / 200.0 - observed.actions.mean(axis=1) / 4.0
-        return Decision(ClippedNormal(np.clip(mean, -0.5, 0.5), 0.05), observed.memory)
-
-
-@pytest.mark.parametrize(("target", "policy"), [(Near, "random"), (lambda: "expert", "epsilon_greedy")])
-def test_no_more_frames_are_seen_at_a_time_than_fit(dataset, monkeypatch, target, policy):
-    """Whether rows of all steps are asked about together or, for a memory, step by step."""
-    whole, parts = target(), target()
-    expected = ibdata.importance(dataset, whole, policy=policy)
-    monkeypatch.setattr("ibdata.simulation.replay.FRAMES", 35)
-    found = ibdata.importance(dataset, parts, policy=policy)
-    assert found.ratios.tolist() == expected.ratios.tolist()
-    if target is Near:
-        assert max(whole.frames) == 40 * 6 * 3
-        assert max(parts.frames) == max(whole.frames[:6])  # of the check before, of 32 episodes
-
-
-def test_selected_episodes_keep_their_weights(dataset):
-    """Whatever else is read with them, from any file."""
-    whole = ibdata.importance(dataset, "random")
-    assert whole.ratios.shape == (80, 6)
-    assert whole.ratios[40:] == pytest.approx(np.ones((40, 6)))
-    assert set(np.unique(whole.ratios[:40].round(4))) == {0.0, 5.0}
-    numbers = dataset.table(["episode"], "some", setpoint=70)["episode"].to_numpy()[::6]
-    part = ibdata.importance(dataset, "random", split="some", setpoint=70)
-    assert 0 < len(numbers) < 80
-    assert part.ratios.tolist() == whole.ratios[numbers].tolist()
-    assert part.rewards.tolist() == whole.rewards[numbers].tolist()
-
-
-def test_fewer_steps_are_the_first_ones(dataset):
-    whole, first = (ibdata.importance(dataset, "random", steps=steps) for steps in (None, 2))
-    assert first.ratios.tolist() == whole.ratios[:, :2].tolist()
-    assert first.rewards.tolist() == whole.rewards[:, :2].tolist()
-    assert first.results[0].effective == whole.effective[1]
-    assert {each.mean_weight for each in first.results} == {first.weights[:, 1].mean()}
-    assert "80 episodes of 2 steps" in repr(first)
-
-
 def test_memory_is_replayed_along_the_recorded_episode(dataset):
     """The expert remembers what it saw, also of the burn-in; where it acted, the ratio is 1/(1 - ε)."""
     found = ibdata.importance(dataset, "expert", policy="epsilon_greedy")
@@ -241,31 +160,6 @@ def test_memory_is_replayed_along_the_recorded_episode(dataset):
     assert same.weights == pytest.approx(np.ones((40, 6)), rel=1e-5)
     with pytest.raises(UsageError, match="by random, the policy of the data"):
         ibdata.importance(dataset, "expert")
-
-
-class InCorner(Distribution):
-    """Uniform on the corner [0, 1]³ of all actions."""
-
-    draws = 3
-
-    def sample(self, u):
-        return u
-
-    def log_density(self, action):
-        return np.where((action > 0.0).all(axis=1), 0.0, -np.inf)
-
-
-class Corner:
-    needs = Needs(step_draws=3)
-
-    def decide(self, observed):
-        return Decision(InCorner(), observed.memory)
-
-
-def test_an_object_is_tried_too(dataset):
-    found = ibdata.importance(dataset, Corner(), policy="random")
-    assert set(np.unique(found.ratios.round(4))) == {0.0, 8.0}
-    assert found.notes[0].startswith("warning: all weights are 0 from step ")
 
 
 class Anywhere(Distribution):

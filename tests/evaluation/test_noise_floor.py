@@ -43,19 +43,6 @@ def test_it_is_that_of_many_next_steps_from_the_same_state(describe, tmp_path, d
         assert np.all(np.abs(found.absolute[i] - absolute.mean(axis=1)) <= 4 * error + 0.005 * spread)
 
 
-def test_the_next_rows_of_a_dataset_scatter_by_it(either):
-    """Also where setpoints move; their next values are known then."""
-    found, frame = noise_floor(either), either.to_pandas()
-    after = frame[["next_obs_fatigue", "next_obs_consumption"]].to_numpy()
-    errors = after - found.mean
-    n = len(frame)
-    assert np.all(np.abs(errors.sum(axis=0)) <= 4 * np.sqrt((found.deviation**2).sum(axis=0)))
-    z = errors[:, 1] / found.deviation[:, 1]  # normal
-    assert abs((z**2).mean() - 1) <= 4 * np.sqrt(2 / n)
-    squares = errors[:, 0] ** 2 - found.deviation[:, 0] ** 2
-    assert abs(squares.mean()) <= 4 * squares.std() / np.sqrt(n)
-
-
 def test_the_errors_are_means_over_the_rows_asked_for(dataset):
     whole, part = noise_floor(dataset), noise_floor(dataset, "target", policy="calm")
     frame = dataset.to_pandas()
@@ -78,11 +65,3 @@ def test_unknown_laws_and_empty_selections_are_refused(describe, tmp_path, datas
         noise_floor(made)
     with pytest.raises(UsageError, match="no episode that meets all"):
         noise_floor(dataset, "source", setpoint=70)
-
-
-def test_episodes_chosen_by_their_returns_are_refused(dataset):
-    """A perfect model errs less in lucky ones than the floor says, and more in unlucky ones."""
-    lucky = dataset.select(returns=(float(np.median(dataset.episodes["return"])), None))
-    for call in (noise_floor, lambda ds: ibdata.score_model(ds, lambda seen, actions: seen[:, 4:6])):
-        with pytest.raises(UsageError, match=r"^returns: found episodes that were chosen by"):
-            call(lucky)

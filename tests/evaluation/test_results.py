@@ -110,18 +110,3 @@ def test_what_is_missing_has_a_reason(arguments, notes):
     assert found.notes == notes
     missing = any(None in (r.score, r.score_error, r.standard_error) for r in found.results)
     assert missing == bool(notes)
-
-
-def test_clipped_actions_are_counted_by_policy_and_setpoint():
-    def rising(seen):  # beyond 1 at the setpoint 70 only, for every second episode
-        return np.where((seen[:, :1] > 50) & (np.arange(len(seen))[:, None] % 2 == 0), 1.5, 1.0) * np.ones(3)
-
-    found = evaluate({"rising": rising, "still": "constant"}, [10.0, 70.0], steps=3, episodes=4)
-    assert [r.clipped for r in found.results] == [0.0, 0.5, 0.25, 0.0, 0.0, 0.0]
-
-
-def test_a_moving_setpoint_begins_where_it_says():
-    one, two = (evaluate("safe", p, episodes=20) for p in ("drifting", {"drifting": [50, 80]}))
-    assert [result.setpoint for result in two.results] == [50.0, 80.0, None]
-    assert one.results[0] == two.results[0]
-    assert evaluate("safe", 50, episodes=20).results[0].mean_return != one.results[0].mean_return

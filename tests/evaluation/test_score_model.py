@@ -82,11 +82,3 @@ def test_the_law_itself_has_the_likelihood_of_the_floor(dataset):
 def test_what_cannot_be_scored_is_refused(dataset, model, steps, error, message):
     with pytest.raises(error, match=message):
         ibdata.score_model(dataset, model, steps=steps)
-
-
-def test_a_prediction_that_is_no_number_has_its_step(dataset):
-    factors = iter([1.0, np.nan])
-    with pytest.raises(
-        PolicyError, match=r"^model: step 2: found NaN or infinity in \d+ of \d+ predictions, such"
-    ):
-        ibdata.score_model(dataset, lambda seen, actions: next(factors) * seen[:, 4:6], steps=3)

@@ -10,27 +10,11 @@ from helpers import by_hand
 import ibdata
 from ibdata import state_at
 from ibdata.errors import DatasetError, UsageError
-from ibdata.variables import ROWS
 
 
 def equal(found, expected):
     """Equal states, bit for bit."""
     np.testing.assert_array_equal(found.values, expected.values)
-
-
-def variable(state, name):
-    return state.values[ROWS.index(name)]
-
-
-def test_every_row_shows_its_state(either):
-    """Also where setpoints move, after a burn-in; the float64 dataset with derived values shows every bit."""
-    frame = either.to_pandas()
-    found = state_at(either, (frame["episode"], frame["step"]))
-    shown = {column.split("_", 1)[1]: column for column in frame if column.startswith(("obs_", "latent_"))}
-    assert len(shown) >= 20
-    for name, column in shown.items():
-        stored = frame[column].to_numpy()
-        np.testing.assert_array_equal(variable(found, name).astype(stored.dtype), stored, err_msg=name)
 
 
 def test_a_step_leads_from_each_state_to_the_next(either):
@@ -62,14 +46,6 @@ def test_one_row_is_one_lane_and_rows_may_come_in_any_order(dataset):
     equal(state_at(dataset, ([7, 7], 31)), one.take(np.array([0, 0])))
 
 
-def test_episodes_are_simulated_in_parts(dataset, monkeypatch):
-    frame = dataset.to_pandas(columns=["episode", "step"])
-    whole = state_at(dataset, (frame["episode"], frame["step"]))
-    monkeypatch.setattr("ibdata.evaluation.states.PART_ROWS", 100)  # two episodes
-    monkeypatch.setattr("ibdata.evaluation.states.BATCH_ROWS", 7)
-    equal(state_at(dataset, (frame["episode"], frame["step"])), whole)
-
-
 def test_a_merged_dataset_has_the_states_of_its_parts(dataset, describe, tmp_path):
     """Another seed and shorter episodes come after those of `dataset`."""
     changes = {"seed": 5, "steps": 20, "output": {"latent": "next", "shard_rows": 50}}
@@ -90,19 +66,6 @@ def test_rows_that_might_be_meant_in_two_ways_are_refused(dataset, rows):
     with pytest.raises(UsageError) as caught:
         state_at(dataset, rows)
     assert str(caught.value) == f"rows: found {rows}, expected {WAYS}"
-
-
-def test_lists_are_arrays_where_only_one_thing_can_be_meant(dataset):
-    pairs = state_at(dataset, ([3, 4], [10, 17]))
-    for rows in ([[3, 10], [4, 17]], [(3, 10), (4, 17)], np.array([3 * 40 + 10, 4 * 40 + 17])):
-        equal(state_at(dataset, rows), pairs)
-    equal(state_at(dataset, [0, 130, 177]).take(np.array([1, 2])), pairs)
-
-
-@pytest.mark.parametrize("rows", [[], np.array([]), np.empty((0, 2)), ([], []), range(0)], ids=repr)
-def test_no_row_is_one_line(dataset, rows):
-    with pytest.raises(UsageError, match=r"^rows: found no row, expected at least one$"):
-        state_at(dataset, rows)
 
 
 @pytest.mark.parametrize(

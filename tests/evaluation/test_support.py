@@ -12,7 +12,6 @@ from helpers import ROOT
 from helpers.evaluating import BAD, NETWORK, POLICY, Data, few, policy_of, supported
 
 from ibdata.errors import UsageError
-from ibdata.evaluation import overlap
 from ibdata.evaluation.importance import notes_on_mean_weights, without_large
 from ibdata.evaluation.overlap import Ratios
 
@@ -109,30 +108,6 @@ def test_actions_that_the_data_never_have_are_named(name, target):
     assert 0.0 < float(found[2]) <= 100.0
 
 
-def test_one_action_in_many_that_the_data_never_have_is_no_lack():
-    """A sampled network never plays numbers just below 1, of which a random action is one in a million."""
-    low = {"kind": "sampled", "base": {"kind": "network", "file": "neorl-low"}, "share": 1.0}
-    data = Data(policy_of(low), 6000, steps=2, setpoints=50, seed=7)
-    ratios = data.ratios(POLICY["random"])
-    assert (ratios.drawn > 1e8).sum() == 1
-    assert np.isfinite(without_large(ratios)).all()
-    with pytest.raises(UsageError, match="expected data of a policy that can take every action of random"):
-        data.ratios(POLICY["random"], slice(*(np.argwhere(ratios.drawn > 1e8)[0][0] + [0, 500])))
-
-
-def test_a_mean_weight_of_rare_actions_is_a_warning(monkeypatch):
-    """If the same pair were accepted."""
-    monkeypatch.setattr(overlap, "_refuse_lack", lambda *_: None)
-    found = Data(POLICY["sampled"], 2000).importance(POLICY["gaussian of network"])
-    mean, share = re.search(
-        r"warning: the mean weight of step 0 is (0\.\d+) ± 0\.\d+, more than 4 errors from 1; weighted "
-        r"may miss episodes too rare for these data, from which (\d+)% of the expectation comes",
-        "\n".join(found.notes),
-    ).groups()
-    assert float(mean) == pytest.approx(found.weights[:, 0].mean(), abs=1e-3)
-    assert float(mean) + 0.01 * float(share) == pytest.approx(1.0, abs=0.05)
-
-
 # Log ratios of correct pairs of policies, by the number of a behaviour's action (0) or of a target's (1).
 def shifted(random, shape, action):
     """Normal actions; the target's mean is 0.2 standard deviations away."""
@@ -162,7 +137,3 @@ def test_a_wrong_density_is_a_warning(law, wrong):
     )
     assert int(found[1]) <= 3
     assert (float(found[2]) - 1.0) * wrong > 0.0
-
-
-def test_right_densities_with_light_tails_have_no_warning():
-    assert [notes_of(shifted, (500, 10), seed) for seed in range(50)] == [[]] * 50

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from helpers import by_hand
 from helpers.policies import proposed
-from helpers.remembering import Deciding
 
 from ibdata import state_at, true_values
 from ibdata.errors import ConfigError, UsageError
@@ -68,12 +67,6 @@ def test_a_branch_goes_on_with_noise_of_its_own(either, discount):
         assert found[i] == pytest.approx(expected, rel=1e-13)
 
 
-def test_a_live_object_has_the_same_random_numbers_at_each_call(dataset):
-    block = {"kind": "custom", "target": Deciding(), "uniforms": 3}
-    first, again = (branches(dataset, {"episode": [4], "step": [17]}, block) for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-
-
 def test_a_policys_own_draws_come_from_the_address_with_its_form(dataset):
     digest = hashlib.sha256(form(dataset, 4, 17, {"kind": "random"}).encode()).digest()
 
@@ -120,30 +113,6 @@ def test_a_policy_knows_what_it_would_have_seen(dataset, monkeypatch):
     np.testing.assert_array_equal(second.memory[:, 0], first.memory[:, 0] + 1)
     assert (first.episode_uniforms == drawn).all()
     assert len(np.unique([first.uniforms, second.uniforms])) == 8
-
-
-def test_nothing_but_the_address_matters(dataset):
-    """Other rows, their order, more branches, and more than a block holds."""
-    few = branches(dataset, np.array([7, 300]), "random")
-    np.testing.assert_array_equal(branches(dataset, np.array([7, 300]), "random"), few)
-    np.testing.assert_array_equal(branches(dataset, [300, 5, 7, 7], "random")[[2, 0]], few)
-    many = branches(dataset, np.array([300, 7]), "random", episodes=400)
-    np.testing.assert_array_equal(many[::-1, :5], few)
-    assert len(np.unique(many)) == 800
-    assert (branches(dataset, np.array([7, 300]), "random", seed=1) != few).all()
-
-
-def test_rows_may_be_numbers_pairs_or_a_table(dataset):
-    expected = branches(dataset, np.array([85, 410]), "safe")
-    frame = dataset.to_pandas()
-    for rows in (
-        np.array([85, 410]),
-        frame.index[[85, 410]],
-        frame.iloc[[85, 410]],
-        {"episode": [2, 10], "step": [5, 10]},
-        [(2, 5), (10, 10)],
-    ):
-        np.testing.assert_array_equal(branches(dataset, rows, "safe"), expected)
 
 
 def test_values_are_means_with_their_errors(dataset):

@@ -9,16 +9,13 @@ Neither the digests nor the forms may ever change, because the random numbers of
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import math
 
 import pytest
 
-from ibdata.dynamics import PAPER, SIEMENS, Variant
 from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, load
-from ibdata.experiment.fields import repeated
 
 RANDOM = {"kind": "random"}
 SAFE = {"kind": "safe"}
@@ -84,22 +81,6 @@ def test_the_digest_of_a_cell_never_changes(fields, form, digest):
     made = digests(dynamics=dynamics, setpoints=setpoint, policies=[policy], start=start)
     assert [x.hex() for x in made] == [digest]
     assert hashlib.sha256(form.encode()).hexdigest() == digest
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"name": "other", "seed": 5, "episodes": 9, "steps": 3, "version": 1},
-        {"output": {"dtype": "float64", "latent": "next", "shard_rows": 5}},
-        {"splits": {"a": {"setpoint": 70}}},
-        {"policies": [{"kind": "random", "name": "explorer"}]},
-        *({"setpoints": x} for x in (70.0, [70], {"start": 70, "stop": 70, "step": 1})),
-        *({"dynamics": x} for x in ("siemens", {"base": "siemens"}, {"base": "siemens", "eta_mean": 0.1})),
-        {"start": "default"},
-    ],
-)
-def test_what_is_no_part_of_a_cell_leaves_its_digest(change):
-    assert digests(**change) == digests()
 
 
 def test_one_cell_said_in_two_ways_has_one_digest():
@@ -178,29 +159,6 @@ def test_each_form_of_setpoints_gives_its_numbers(value, expected):
     assert {type(x) for x in setpoints(value)} == {float}
 
 
-@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(Variant)])
-def test_any_field_of_the_dynamics_can_be_replaced_alone(field):
-    value = getattr(PAPER, field)
-    made = experiment(dynamics={"base": "siemens", field: value})
-    assert made.variant == dataclasses.replace(SIEMENS, **{field: value})
-    assert made.cells[0].dynamics == {"base": "siemens", field: value}
-
-
-@pytest.mark.parametrize("change", [{"dynamics": "paper"}, {"setpoints": [10.0]}, {"steps": 7}])
-def test_a_changed_copy_is_the_experiment_with_the_change(change):
-    used, fresh = experiment(), experiment(**change)
-    _ = used.cells, used.variant, used.labels, used.drifting  # kept from now on
-    changed = used.model_copy(update=change)
-    assert changed == fresh
-    assert (changed.cells, changed.variant, changed.labels) == (fresh.cells, fresh.variant, fresh.labels)
-
-
-@pytest.mark.parametrize("change", [{"steps": 0}, {"unknown": 1}, {"splits": {"a": {"episodes": 9}}}])
-def test_a_changed_copy_is_checked(change):
-    with pytest.raises(ConfigError):
-        experiment().model_copy(update=change)
-
-
 @pytest.mark.parametrize(
     ("episodes", "ranges"),
     [
@@ -234,30 +192,6 @@ def test_shares_of_splits_are_ranges_that_do_not_meet(episodes, ranges):
 def test_a_declared_split_without_an_episode_is_refused(split):
     with pytest.raises(ConfigError, match=r"splits\.held\.(episodes|setpoint|policy): found .*, expected"):
         experiment(splits={"train": {"episodes": "first 90%"}, "held": {**split, "overlap": True}})
-
-
-def test_a_repeated_setpoint_is_found_without_comparing_each_with_each():
-    compared = []
-
-    class Point(float):
-        __hash__ = float.__hash__
-
-        def __eq__(self, other):
-            compared.append(other)
-            return float(self) == other
-
-    points = [Point(number / 8) for number in range(801)]
-    assert repeated(points) is None
-    assert len(compared) < 8 * len(points)
-    assert repeated([*points, Point(12.5)]) == "found 12.5 twice, expected each setpoint once"
-
-
-def test_a_shipped_set_of_one_episode_is_made_without_splits():
-    line = r"found last 10%, which is none of 1 episode, expected at least one; .* override splits=\{\}"
-    with pytest.raises(ConfigError, match=line):
-        load("siemens-offline/bad-20", ["episodes=1"])
-    assert load("siemens-offline/bad-20", ["episodes=1", "splits={}"]).splits == {}
-    assert list(load("siemens-offline/bad-20", ["episodes=2"]).splits) == ["train", "validation"]
 
 
 def test_shares_of_splits_are_those_of_the_episodes_that_are_made():

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from ibdata.errors import UsageError
-from ibdata.experiment import Experiment, load
+from ibdata.experiment import Experiment
 
 KEYS = ", ".join(Experiment.model_fields)
 PROBLEMS = {
@@ -81,24 +81,3 @@ def test_problems_of_file_overrides_and_seed_are_told_at_once(problems, with_lin
         "override steps: found -1, expected a whole number of at least 1",
         "seed: found -1, expected a whole number of at least 0",
     ]
-
-
-def test_the_seed_given_wins_over_file_and_overrides(loaded, with_lines):
-    found = [loaded(with_lines("seed: 3"), ["seed=4"], seed).seed for seed in (2**64 - 1, 0, None)]
-    assert found == [2**64 - 1, 0, 4]
-
-
-def test_a_mapping_for_output_replaces_only_what_it_names():
-    plain = {
-        "name": "x",
-        "setpoints": 70,
-        "policies": ["random"],
-        "output": {"latent": False, "shard_rows": 9},
-    }
-    for overrides in (
-        {"output": {"dtype": "float64"}},
-        ["output={dtype: float64}"],
-        ["output.dtype=float64"],
-    ):
-        output = load(plain, overrides).output
-        assert (output.latent, output.shard_rows, output.dtype) == (False, 9, "float64")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-import pytest
 from helpers import tries
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,10 +13,6 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 
 POLICIES = [{"kind": "random"}, {"kind": "safe"}, {"kind": "constant", "name": "still"}]
 LABELS = ["random", "safe", "still"]
-
-
-def experiment(**fields):
-    return Experiment(**{"name": "x", "setpoints": 70, "policies": POLICIES[:1], "episodes": 10, **fields})
 
 
 @st.composite
@@ -80,42 +75,6 @@ def test_a_plan_holds_every_episode_once_in_full_shards(made):
         assert count == 1 or count * made.steps <= rows
         assert {splits_of(made, episode) for episode in range(shard.first, shard.stop)} == {shard.splits}
         assert not following or (count + 1) * made.steps > rows or shard.splits != following.splits
-
-
-LATE = {"episodes": {"start": 5, "stop": 9}}
-TWO_BY_THREE = {"setpoints": [10, 20, 30], "policies": POLICIES[:2], "episodes": 2}
-PLANS = {
-    "one shard over all cells": ({"setpoints": [10, 20], "policies": POLICIES[:2]}, [(0, 40, "")]),
-    # 7 rows an episode, 23 a shard: three episodes.
-    "the last has what is left": (
-        {"steps": 7, "output": {"shard_rows": 23}},
-        [(0, 3, ""), (3, 6, ""), (6, 9, ""), (9, 10, "")],
-    ),
-    "filled to the row": ({"steps": 5, "output": {"shard_rows": 25}}, [(0, 5, ""), (5, 10, "")]),
-    "an episode longer than a shard": (
-        {"episodes": 2, "steps": 100, "output": {"shard_rows": 99}},
-        [(0, 1, ""), (1, 2, "")],
-    ),
-    "overlapping splits": (
-        {"splits": {"early": {"episodes": 6}, "late": {**LATE, "overlap": True}}},
-        [(0, 5, "early"), (5, 6, "early late"), (6, 10, "late")],
-    ),
-    "filled anew after a cut": (
-        {"steps": 1, "output": {"shard_rows": 3}, "splits": {"late": LATE}},
-        [(0, 3, ""), (3, 5, ""), (5, 8, "late"), (8, 10, "late")],
-    ),
-    # Cells 0 … 5 of two episodes each, of which some share their splits.
-    "splits of single cells": (
-        {**TWO_BY_THREE, "splits": {"s": {"setpoint": [20, 30]}, "t": {"setpoint": 10, "episodes": 1}}},
-        [(0, 1, "t"), (1, 2, ""), (2, 6, "s"), (6, 7, "t"), (7, 8, ""), (8, 12, "s")],
-    ),
-}
-
-
-@pytest.mark.parametrize(("fields", "shards"), PLANS.values(), ids=PLANS)
-def test_a_plan_by_hand(fields, shards):
-    found = DatasetSpec.of(experiment(**fields)).shards
-    assert [(shard.first, shard.stop, " ".join(shard.splits)) for shard in found] == shards
 
 
 @tries(300)

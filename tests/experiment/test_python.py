@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import ibdata
-from ibdata.errors import ConfigError, UsageError
+from ibdata.errors import UsageError
 from ibdata.experiment import Experiment, as_yaml, load, load_all
 from ibdata.generation.estimate import estimate
 from ibdata.policies import POLICIES
@@ -42,17 +41,6 @@ def test_every_form_is_the_same_experiment(form):
     assert load(given) == Experiment(**PLAIN)
     assert load(given, {"output.dtype": "float64", "policies.0.name": "a"}) is not given
     assert load(given) == Experiment(**PLAIN)  # what is given does not change
-
-
-def test_every_form_makes_the_same_dataset():
-    options = {"workers": 1, "overrides": {"episodes": 2}}
-    roots = [ibdata.generate(form(), name, **options).content_root for name, form in FORMS.items()]
-    assert len(set(roots)) == 1
-
-
-def test_a_single_experiment_that_is_no_file_goes_to_data():
-    assert ibdata.generate(PLAIN, workers=1).place == "data/x"
-    assert estimate({**PLAIN, "name": "y"})["out"] == "data/y"
 
 
 def test_bare_names_are_blocks_and_leave_no_trace():
@@ -101,14 +89,6 @@ def test_an_override_is_the_same_in_a_text_and_a_mapping(text, mapping):
     assert load(GIVEN, [text]) == load(GIVEN, mapping) != load(GIVEN)
 
 
-def test_an_override_replaces_all_of_a_block_and_no_other():
-    made = load(GIVEN, {"output": {}, "policies.0.base.action": (0, 0, 1)}).plain()
-    assert made["output"] == {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}
-    moved = {"kind": "constant", "action": [0.0, 0.0, 1.0]}
-    assert made["policies"][0] == {"kind": "epsilon_greedy", "base": moved, "epsilon": 0.5}
-    assert list(made["splits"]) == ["a"]
-
-
 @pytest.mark.parametrize(
     ("given", "overrides", "line"),
     [
@@ -125,15 +105,6 @@ def test_a_mistake_is_one_line_that_names_its_key(given, overrides, line):
         load({**PLAIN, **given}, overrides)
     assert str(error.value).startswith(line)
     assert "\n" not in str(error.value)
-
-
-def test_the_constructor_tells_all_mistakes_as_the_loader_does():
-    with pytest.raises(ConfigError) as error:
-        Experiment(name="X", setpoints=70, policies=["random"], steps=0)
-    assert [line.split(":")[0] for line in error.value.problems] == ["name", "steps"]
-    assert error.value.problems == tuple(str(error.value).split("\n"))
-    assert error.value.__cause__ is None
-    assert error.value.__suppress_context__
 
 
 def test_an_object_of_an_unknown_class_is_live():

@@ -72,12 +72,6 @@ def test_plain_data_are_read_whatever_their_form(text, data):
     assert Document(text).data == data
 
 
-def test_20_levels_are_accepted_and_5000_are_refused():
-    assert Document("[" * 20 + "]" * 20).values[(0,) * 19] == (1, 20)
-    for bomb in ("[" * 5000, "- " * 5000):
-        assert error_of(bomb).message == LEVELS
-
-
 def test_keys_and_values_have_their_places_from_1():
     document = Document('a: 1\nb:\n  - x\n  - {c: "y", d: [2, 3]}\n"e f": |\n  text\n')
     assert document.data == {"a": 1, "b": ["x", {"c": "y", "d": [2, 3]}], "e f": "text\n"}
@@ -100,22 +94,6 @@ def test_keys_and_values_have_their_places_from_1():
         ("b", 1, "d"): (4, 14),
         ("e f",): (5, 1),
     }
-
-
-def test_a_path_has_the_place_of_its_nearest_parent():
-    document = Document("a: 1\nb:\n  c: [x]\n")
-    assert document.position(("b", "c")) == (3, 6)
-    assert document.position(("b", "c"), key=True) == (3, 3)
-    assert document.position(("b", "c", 7, "d")) == (3, 6)
-    assert document.position(("z", "y"), key=True) == (1, 1)
-    assert Document("").position(("a",)) == (1, 1)
-
-
-@pytest.mark.parametrize("text", ["a:\n  b:\nc: 1\n", "a:\n  b: # nothing\n\n\nc: 1\n", "a:\n  b:"])
-def test_a_value_left_out_is_in_the_line_of_its_key(text):
-    document = Document(text)
-    assert document.data["a"] == {"b": None}
-    assert document.values[("a", "b")][0] == 2
 
 
 SCALARS = {

@@ -53,12 +53,6 @@ def test_info_describes_each_column(dataset, tmp_path, view, width):
     holds(exported, dataset, view=view) if width > 1 else None
 
 
-def test_histories_have_a_name_for_each_number(made):
-    names = described(made)["features"]["observation.state"]["names"]
-    assert len(names) == len(set(names)) == 18
-    assert names[5:7] + names[-1:] == ["obs_consumption", "obs_setpoint_lag_1", "obs_consumption_lag_2"]
-
-
 def test_frames_are_numbered_and_timed_and_the_last_one_is_done(dataset, tmp_path):
     """Of a split too, whose episodes are numbered anew."""
     ibdata.export(dataset, "lerobot", tmp_path / "made", split="target")
@@ -71,46 +65,6 @@ def test_frames_are_numbered_and_timed_and_the_last_one_is_done(dataset, tmp_pat
     equal(found["next.done"], steps == 39)
     equal(found["next.truncated"], steps == 39)
     assert not found["next.terminated"].any()
-
-
-def test_the_final_observation_of_each_episode_is_there(dataset, tmp_path):
-    ibdata.export(dataset, "lerobot", tmp_path / "made")
-    found, arrays = parquet(tmp_path / "made" / "data"), dataset.arrays()
-    states, following = (found[name].reshape(12, 40, 6) for name in (VECTORS[0], VECTORS[2]))
-    equal(following[:, :-1], states[:, 1:])
-    equal(following[:, -1], arrays["next_observations"].reshape(12, 40, 6)[:, -1])
-
-
-def test_costs_stand_beside_rewards(dataset, tmp_path):
-    view = {"cost": {"fatigue": 5}}
-    ibdata.export(dataset, "lerobot", tmp_path / "made", view=view)
-    costs = dataset.arrays(view=view)["costs"]
-    assert 0 < costs.sum() < 480
-    equal(parquet(tmp_path / "made" / "data")["next.cost"], costs)
-    assert described(tmp_path / "made")["features"]["next.cost"] == {
-        "dtype": "float32",
-        "shape": [1],
-        "names": None,
-    }
-
-
-def test_the_row_of_an_episode_has_its_place_and_its_statistics(made):
-    """Its extremes have the type of the feature."""
-    found, rows = parquet(made / "data"), episode_rows(made)
-    assert [row["dataset_from_index"] for row in rows] == list(range(0, 480, 40))
-    assert [row["dataset_to_index"] for row in rows] == list(range(40, 481, 40))
-    for row in rows:
-        assert row["length"] == 40
-        for name, array in found.items():
-            values = array[row["dataset_from_index"] : row["dataset_to_index"]].reshape(40, -1)
-            told = {key: row[f"stats/{name}/{key}"] for key in ("min", "max", "mean", "std", "count", "q10")}
-            assert (told["min"], told["max"]) == (values.min(0).tolist(), values.max(0).tolist())
-            assert isinstance(told["min"][0], type(values.min().item()))
-            exact = values.astype(np.float64)
-            for key, expected in (("mean", exact.mean(0)), ("std", exact.std(0))):
-                np.testing.assert_allclose(told[key], expected, rtol=1e-12)
-            np.testing.assert_allclose(told["q10"], np.quantile(exact, 0.1, axis=0), rtol=1e-12)
-            assert told["count"] == [40]
 
 
 def test_the_statistics_of_all_frames_are_theirs(made):
@@ -145,13 +99,6 @@ def test_a_task_is_a_setpoint(made):
     assert described(made)["total_tasks"] == 2
 
 
-def test_moving_setpoints_are_one_task(tmp_path):
-    moving = ibdata.generate("drifting.yaml", tmp_path / "x", overrides=["episodes=3", "steps=5"], workers=1)
-    ibdata.export(moving, "lerobot", tmp_path / "made")
-    tasks = pd.read_parquet(tmp_path / "made" / "meta" / "tasks.parquet")
-    assert tasks.index.tolist() == ["Operate the Industrial Benchmark at a moving setpoint"]
-
-
 def test_files_are_numbered_in_chunks_and_hold_whole_episodes(dataset, tmp_path, monkeypatch):
     """Episodes say in which file they are."""
     for name, size in (("FILE_MB", 0.008), ("CHUNK_FILES", 3), ("EPISODES", 2)):
@@ -175,27 +122,12 @@ def test_files_are_numbered_in_chunks_and_hold_whole_episodes(dataset, tmp_path,
             assert row["episode_index"] in pq.read_table(made / path)["episode_index"].to_pylist()
 
 
-def test_a_smaller_export_replaces_all_files_of_a_larger_one(dataset, tmp_path, monkeypatch):
-    with monkeypatch.context() as small:
-        small.setattr(lerobot, "FILE_MB", 0.008)
-        ibdata.export(dataset, "lerobot", tmp_path / "made")
-    made = ibdata.export(dataset, "lerobot", tmp_path / "made", split="target", overwrite=True)
-    holds(made, dataset, "target")
-    assert len(list((tmp_path / "made").rglob("*.parquet"))) == 3
-
-
 def test_a_dataset_of_lerobot_that_is_no_export_is_not_replaced(dataset, made):
     tasks = made / "meta" / "tasks.parquet"
     pd.read_parquet(tasks).to_parquet(tasks)
     with pytest.raises(UsageError, match="made: found no export of ibdata; move it away"):
         ibdata.export(dataset, "lerobot", made, overwrite=True)
     assert pq.read_metadata(made / "data/chunk-000/file-000.parquet").num_rows == 480
-
-
-def test_what_others_added_to_an_export_is_not_replaced(dataset, made):
-    pq.write_table(pa.table({"episode_index": [12]}), made / "data" / "chunk-000" / "file-001.parquet")
-    with pytest.raises(UsageError, match=r"found data/chunk-000/file-001.parquet, which is not of such an"):
-        ibdata.export(dataset, "lerobot", made, overwrite=True)
 
 
 def test_episodes_of_which_no_transition_has_its_next_frame_are_refused(tmp_path):

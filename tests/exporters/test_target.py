@@ -1,9 +1,6 @@
 """For every format: an export is complete or absent, and replaces another one only when that is said."""
 
-import io
 import os
-from contextlib import suppress
-from itertools import count
 
 import h5py
 import pytest
@@ -86,26 +83,6 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("to", ["lerobot", "neorl", "npz"])
-def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, monkeypatch):
-    """zipfile, which fails to open a file to add to it, empties it, and goes on."""
-    split, real, numbers = one_setpoint(to), io.open, count(1)
-
-    def once(file, mode="r", *args, **options):
-        if set(mode) & set("awx+") and str(tmp_path) in str(file) and next(numbers) == fails:
-            raise OSError(5, "stale")
-        return real(file, mode, *args, **options)
-
-    monkeypatch.setattr(io, "open", once)
-    for fails in count(1):
-        numbers = count(1)
-        with suppress(IbdataError):
-            made = ibdata.export(dataset, to, tmp_path / f"{fails}", split=split)
-            break
-    assert next(numbers) == fails > 1  # nothing failed
-    holds(made, dataset, split, made.history)
-
-
 @pytest.mark.parametrize("to", ["d3rlpy", "d4rl"])
 def test_what_hdf5_loses_is_an_error(dataset, tmp_path, to, monkeypatch):
     """It closes a file without a word after a write that the system refused."""
@@ -169,19 +146,6 @@ def test_an_export_is_known_as_one(dataset, tmp_path, to, view):
     out = tmp_path / {"rllib": "x.parquet"}.get(to, f"x.{ending}")
     ibdata.export(dataset, to, out, split=one_setpoint(to), view=view)
     assert is_folder_export(out) if to == "lerobot" else is_export(out)
-
-
-def test_a_file_or_what_a_link_points_to_is_replaced(dataset, tmp_path):
-    (tmp_path / "scratch").mkdir()
-    (tmp_path / "scratch" / "x").write_text("")
-    (tmp_path / "link").symlink_to("scratch/x")
-    made = ibdata.export(dataset, "npz", tmp_path / "link", overwrite=True)
-    assert (tmp_path / "link").is_symlink()
-    assert made.path == str(tmp_path / "link")
-    holds(made, dataset)
-    made = ibdata.export(dataset, "rllib", tmp_path / "scratch" / "x", overwrite=True)
-    holds(made, dataset)
-    assert os.listdir(tmp_path / "scratch") == ["x"]
 
 
 def test_a_target_that_cannot_be_written_is_refused(dataset, tmp_path):

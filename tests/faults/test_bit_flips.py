@@ -31,10 +31,7 @@ def flipped(whole, place, bit):
 def missed(folder, path, changes, ways=(True, False)):
     """The changes of a file by which validating does not name it; ways are quick or not."""
     whole, name, found = path.read_bytes(), str(path.relative_to(folder)), []
-    plain = name in (
-        "meta/manifest.json",
-        "meta/splits.json",
-    )  # no hash: values count
+    plain = name in ("meta/manifest.json", "meta/splits.json")  # no hash: values count
     for what, changed in changes:
         path.write_bytes(changed)
         quietly = [quick for quick in ways if name not in {p.path for p in validate(folder, quick)}]

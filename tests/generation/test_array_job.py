@@ -1,6 +1,5 @@
 """Array jobs: several hosts make one dataset in one part, and one finishes it."""
 
-import re
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -14,11 +13,10 @@ import ibdata
 from ibdata import IbdataError
 from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
-from ibdata.experiment import self_check
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import workers
 from ibdata.generation.build import Build
-from ibdata.generation.generate import PartMade, Range
+from ibdata.generation.generate import Range
 from ibdata.maintenance.listing import datasets_in
 from ibdata.system import part as parts
 from ibdata.system.part import Part
@@ -127,8 +125,7 @@ def test_missing_and_damaged_shards_are_named(shard_file):
     (folder / shard_file(folder, 1)).write_bytes(b"damaged")
     before = contents()
     with pytest.raises(
-        IbdataError,
-        match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; run the same",
+        IbdataError, match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; run the same"
     ) as error:
         ibdata.finalize("out")
     assert (error.value.exit_code, contents()) == (1, before)
@@ -167,15 +164,6 @@ def test_hosts_that_begin_at_the_same_moment_make_one_run(plain, files, together
     assert is_right("out", plain.path, files)
 
 
-def test_of_hosts_with_other_bits_that_begin_at_the_same_moment_one_is_refused(together, monkeypatch):
-    answers = iter(["0" * 64, "1" * 64])
-    monkeypatch.setattr(self_check, "answer", lambda: next(answers))
-    monkeypatch.setattr(self_check, "is_right", lambda answer: True)
-    refused, made = sorted(together(TEN, TEN), key=lambda answer: isinstance(answer, PartMade))
-    assert str(refused).startswith("out: holds an unfinished run of a machine that computes other bits; run")
-    assert (made.shards, len(Part(Path("out")).runs)) == (5, 1)
-
-
 def test_two_array_jobs_of_different_experiments_share_a_part(plain, files, together, capsys):
     """The one that is finalized is that worked on last; it removes the other."""
     other = TEN.model_copy(update={"seed": 1})
@@ -191,40 +179,6 @@ def test_two_array_jobs_of_different_experiments_share_a_part(plain, files, toge
     assert is_right("out", plain.path, files)
     with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment"):
         ibdata.generate(other, "out", shards="2/2", workers=1)
-
-
-def test_a_machine_with_other_bits_is_refused(monkeypatch, capsys):
-    change = ("digest", lambda run: b"0" * 32)
-    with monkeypatch.context() as other:
-        other.setattr(self_check, *change)
-        make("1/2")
-    assert capsys.readouterr().err.count("the manifest says reproducible: false") == 1
-    with pytest.raises(UsageError, match=r"^out: holds an unfinished run of a machine that computes other"):
-        make("2/2")
-    assert len(ibdata.generate(TEN, "out", workers=1)) == 50
-    beside = (
-        r"^ibdata: out: an unfinished run of a machine that computes other bits stays in .*/[0-9a-f]{16}, "
-    )
-    assert re.match(
-        beside + "with 5 finished shards, until a dataset is published here\n$", capsys.readouterr().err
-    )
-
-
-def test_what_another_machine_has_begun_is_finished_there(monkeypatch):
-    monkeypatch.setattr(self_check, "digest", lambda run: b"0" * 32)
-    make("1/2")
-    make("2/2")
-    assert ibdata.finalize("out").manifest["reproducible"] is False
-
-
-def test_a_run_of_a_killed_host_without_a_shard_is_not_in_the_way(monkeypatch):
-    with monkeypatch.context() as other:
-        other.setattr(self_check, "digest", lambda run: b"0" * 32)
-        make("1/2")
-    for receipt in Part(Path("out")).receipts:
-        receipt.unlink()
-    make("2/2")
-    assert len(Part(Path("out")).runs) == 1
 
 
 def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):

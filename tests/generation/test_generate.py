@@ -12,7 +12,6 @@ import ibdata
 from ibdata import Experiment
 from ibdata.cli.make import generate_command as command
 from ibdata.errors import ConfigError, IbdataError, UsageError
-from ibdata.experiment import suites
 from ibdata.generation.estimate import estimate
 from ibdata.generation.workers import ENGINES, select_engine
 
@@ -30,18 +29,6 @@ def test_a_seed_replaces_that_of_the_experiment(tiny):
     assert made.content_root == ibdata.generate(other, "b", workers=1).content_root
     assert made.content_root != tiny[0].content_root
     assert ibdata.load("a/meta/experiment.yaml") == other
-
-
-def test_a_changed_experiment_is_checked_and_planned_again():
-    changed = TINY.model_copy(deep=True)
-    assert len(changed.cells) == 2
-    changed.setpoints.append(30.0)
-    made = ibdata.generate(changed, "changed", workers=1)
-    assert made.episodes["setpoint"].unique().tolist() == [20.0, 70.0, 30.0]
-    changed.setpoints.append(300.0)
-    with pytest.raises(ConfigError, match=r"^setpoints\.3: found 300\.0, expected"):
-        ibdata.generate(changed, "out", workers=1)
-    assert not Path("out").exists()
 
 
 WORKERS = "workers: found {}, expected a whole number in [1, 1024]"
@@ -87,33 +74,6 @@ def two():
     for name in ("a", "b"):
         (folder / f"{name}.yaml").write_text(json.dumps({**PLAIN, "name": f"set-{name}"}))
     return folder
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("suite", suites())
-def test_a_shipped_suite_makes_valid_datasets(suite):
-    made = ibdata.generate(suite, workers=1, overrides=["episodes=2", "steps=20"])
-    assert list(made) == [path.stem for path in sorted(suites()[suite].glob("*.yaml"))]
-    for name, dataset in made.items():
-        experiment = ibdata.load(f"{suite}/{name}")
-        assert dataset.place == f"data/{suite}/{name}"
-        assert ibdata.validate(dataset.path) == []
-        assert len(dataset) == 40 * len(experiment.cells)
-        assert list(dataset.splits) == list(experiment.splits)
-        assert set(dataset.to_pandas(["policy"])["policy"]) == set(experiment.labels)
-
-
-@pytest.mark.parametrize(
-    ("name", "episodes"),
-    [("depeweg", {"train": 70, "test": 30}), ("siemens-offline/bad-20", {"train": 90, "validation": 10})],
-)
-def test_a_shipped_set_is_split_by_episode(name, episodes):
-    """The rows are those of a set without splits."""
-    made = ibdata.generate(name, workers=1, overrides={"steps": 5})
-    assert {name: split["episodes"] for name, split in made.splits.items()} == episodes
-    assert ibdata.validate(made.path) == []
-    plain = ibdata.generate(name, "plain", workers=1, overrides={"steps": 5, "splits": {}})
-    assert (plain.splits, plain.content_root) == ({}, made.content_root)
 
 
 def test_each_experiment_is_made_as_alone(two):
@@ -164,14 +124,3 @@ def test_the_bytes_are_close_to_those_made(changes, share):
     assert guessed["bytes"] == pytest.approx(size, rel=share)
     for name in ("rows", "episodes", "shards"):
         assert guessed[name] == made.info["counts"][name]
-
-
-def test_a_huge_run_is_estimated_at_once():
-    """To make it would take a year."""
-    guessed = estimate(described(episodes=10**9, output={"shard_rows": 10**8}), "s3://nowhere/x")
-    assert (guessed["rows"], guessed["out"], guessed["action"]) == (
-        2 * 10**12,
-        "s3://nowhere/x",
-        "make it here and upload it",
-    )
-    assert guessed["bytes"] > 10**13

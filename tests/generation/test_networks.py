@@ -86,14 +86,3 @@ def test_a_run_goes_on_with_its_own_weights_only(learned):
     made = ibdata.generate(learned, "made", workers=1, overrides=moved)
     assert len(kept & {path.name for path in (made.path / "data").iterdir()}) == 2
     assert ibdata.validate(made.path) == []
-
-
-def test_a_merged_dataset_carries_the_weights_of_both(made, learned, elsewhere):
-    (learned.parent / "actor.safetensors").write_bytes(networks.weights(seed=1))
-    other = ibdata.generate(learned, "other", workers=1)
-    assert other.content_root != made.content_root
-    elsewhere()
-    both = ibdata.merge([made.path, other.path], "both")
-    assert len(list((both.path / "meta").glob("policy-*.safetensors"))) == 2
-    elsewhere()
-    assert ibdata.validate(both.path) == []

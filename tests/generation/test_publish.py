@@ -10,7 +10,7 @@ from unittest.mock import Mock
 import pytest
 from helpers import python
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.folders import contents, is_right
+from helpers.folders import is_right
 
 import ibdata
 from ibdata.cli import main
@@ -18,7 +18,6 @@ from ibdata.errors import UsageError
 from ibdata.system import part
 from ibdata.system.files import read_sealed, sealed, write
 from ibdata.system.part import locked_part
-from ibdata.writing.finish import finish
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -30,12 +29,6 @@ def _beside_a_dataset(tiny):
 
 def replace(experiment=TINY):
     return ibdata.generate(experiment, "out", workers=1, overwrite=True)
-
-
-def test_no_two_runs_give_a_file_the_same_name():
-    """So that a late reader gets an error and never other rows."""
-    first, second = ({path.name for path in Path(replace().path, "data").iterdir()} for _ in range(2))
-    assert len(first | second) == 8
 
 
 def test_mode_and_group_are_kept():
@@ -83,17 +76,6 @@ def between(killed):
     shutil.copytree(killed, ".", dirs_exist_ok=True)
 
 
-@pytest.mark.parametrize("folder", [False, True])
-def test_what_was_killed_between_two_renames_is_finished(between, tiny, files, monkeypatch, folder):
-    """By the same command, without a shard made again; an empty folder is not in the way."""
-    if folder:
-        Path("out").mkdir()
-    monkeypatch.setattr(part, "exchanged", lambda a, b: False)
-    monkeypatch.setattr("ibdata.generation.workers.make_shard", None)
-    replace()
-    assert is_right("out", tiny[0].path, files)
-
-
 OTHERS = {
     "itself": lambda path: ibdata.generate(OTHER, "out", workers=1),
     "another": lambda path: ibdata.generate(OTHER, "out", workers=1, seed=2),
@@ -111,82 +93,6 @@ def test_the_old_dataset_is_not_lost_between_two_renames(between, tiny, files, w
         write(tiny[1].path)
     assert files("out") == files(tiny[1].path)
     assert ibdata.validate("out") == []
-
-
-def test_a_file_that_took_the_place_stays(between):
-    Path("out").write_text("mine")
-    with pytest.raises(ibdata.IbdataError, match=r"^out: is a file"):
-        replace()
-    Path("out").rename("aside")
-    with pytest.raises(ibdata.IbdataError, match=r"^out: holds the dataset of another experiment"):
-        ibdata.generate(TINY, "out", workers=1)
-    assert Path("aside").read_text() == "mine"
-
-
-def test_where_the_second_rename_fails_the_old_dataset_is_back_at_once(tiny, files, monkeypatch):
-    def rename(path, target, real=Path.rename):
-        if path.name == "dataset":
-            raise OSError(5, "Input/output error")
-        return real(path, target)
-
-    monkeypatch.setattr(part, "exchanged", lambda a, b: False)
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "rename", rename)
-        with pytest.raises(ibdata.IbdataError, match=r"^out: cannot be written: Input/output error$"):
-            replace()
-    assert files("out") == files(tiny[1].path)
-    replace()
-    assert is_right("out", tiny[0].path, files)
-
-
-@pytest.mark.parametrize("name", ["README.md", "report.html"])
-def test_an_edited_card_or_report_is_one_of_the_datasets_files(name):
-    Path("out", name).write_text("mine")
-    replace(OTHER)
-    assert b"mine" not in contents("out").values()
-    assert ibdata.validate("out") == []
-
-
-def test_what_was_kept_of_a_card_is_not_the_datasets():
-    Path("out/README.md.old").write_text("mine")
-    with pytest.raises(UsageError, match=r"README.md.old: found a file that is not the dataset's; move it"):
-        replace()
-
-
-def test_a_card_that_is_no_file_is_not_lost():
-    """A pipe gives no end of a text."""
-    for name, make, what in (("README.md", os.mkdir, "folder"), ("report.html", os.mkfifo, "file")):
-        path = Path("out", name).resolve()
-        path.unlink(missing_ok=True)
-        make(path)
-        with pytest.raises(
-            UsageError, match=f"^{path}: found a {what} that is not the dataset's; move it away"
-        ):
-            replace()
-        assert path.exists()
-        path.rename(name)
-
-
-def test_a_card_that_becomes_a_pipe_while_a_run_lasts_is_not_lost(monkeypatch):
-    def piped(*arguments):
-        Path("out/README.md").unlink()
-        os.mkfifo("out/README.md")
-        return finish(*arguments)
-
-    monkeypatch.setattr("ibdata.generation.build.finish", piped)
-    with pytest.raises(UsageError, match=r"README.md: found a file that is not the dataset's; move it away"):
-        replace()
-    assert Path("out/README.md").is_fifo()
-
-
-def test_all_files_keep_their_mode_under_another_umask():
-    before = os.umask(0o077)
-    try:
-        made = replace().path
-    finally:
-        os.umask(before)
-    modes = {stat.S_IMODE(path.stat().st_mode) for path in made.rglob("*") if path.is_file()}
-    assert modes == {0o666 & ~before}
 
 
 @pytest.fixture

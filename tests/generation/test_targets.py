@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.folders import contents, is_right
+from helpers.folders import contents
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.writing.finish import finish
 
 WRITERS = {
     "generate": lambda out: ibdata.generate(TINY, out, workers=1),
@@ -86,13 +85,6 @@ def test_links_and_empty_folders_are_places(out, place):
     assert not list(Path().rglob(".*"))
 
 
-def test_overwriting_through_a_link_replaces_its_target(tiny, files):
-    Path("link").symlink_to("../b")
-    ibdata.generate(TINY, "link", workers=1, overwrite=True)
-    assert os.readlink("link") == "../b"
-    assert is_right("../b", tiny[0].path, files)
-
-
 @pytest.mark.parametrize("name", ["notes.txt", "data/mine.parquet", "more/"])
 def test_overwriting_names_what_is_not_the_dataset_s(name):
     path = Path("../a", name)
@@ -101,46 +93,6 @@ def test_overwriting_names_what_is_not_the_dataset_s(name):
     with pytest.raises(UsageError, match=r"found a (file|folder) that is not the dataset's; move it away"):
         WRITERS["overwrite"]("../a")
     assert contents("../a") == before
-
-
-MEANWHILE = {
-    "generate": ("ibdata.generation.build.finish", WRITERS["generate"], "out"),
-    "overwrite": ("ibdata.generation.build.finish", WRITERS["overwrite"], "../a"),
-    "materialize": ("ibdata.generation.build.finish", WRITERS["materialize"], "out"),
-}
-
-
-@pytest.mark.parametrize(("name", "write", "out"), MEANWHILE.values(), ids=MEANWHILE)
-def test_what_appears_at_the_place_meanwhile_stays(monkeypatch, name, write, out):
-    def meanwhile(*args):
-        Path(out).mkdir(exist_ok=True)
-        Path(out, "mine").write_text("mine")
-        return finish(*args)
-
-    monkeypatch.setattr(name, meanwhile)
-    with pytest.raises(UsageError, match=f"{out}.*: (not a dataset|found a file that is not|exists already)"):
-        write(out)
-    assert Path(out, "mine").read_text() == "mine"
-
-
-URLS = {
-    "a column": ("Policy=safe/x", "found the folder Policy=safe, from whose name"),
-    "a file": ("x.parquet", "found the ending .parquet, but a dataset is a folder"),
-}
-
-
-@pytest.mark.parametrize(("name", "line"), URLS.values(), ids=URLS)
-@pytest.mark.parametrize("scheme", ["file", "memory"])
-def test_urls_that_mislead_readers_are_refused(here, monkeypatch, scheme, name, line):
-    if scheme == "memory":  # as a file system without folders of this machine
-        monkeypatch.setattr("ibdata.system.storage.Remote.folder", None)
-    with pytest.raises(UsageError, match=line):
-        WRITERS["generate"](f"{here.as_uri()}/{name}")
-    with pytest.raises(UsageError, match=line):
-        ibdata.estimate(TINY, f"{here.as_uri()}/{name}")
-    with pytest.raises(UsageError, match=line):
-        ibdata.generate("siemens-offline", out=name)
-    assert not any(here.glob("**/*safe*"))
 
 
 def test_a_folder_that_ibdata_did_not_make_is_no_part_of_a_run():
@@ -158,9 +110,3 @@ def test_a_folder_that_ibdata_did_not_make_is_no_part_of_a_run():
     with pytest.raises(UsageError, match="found what ibdata did not make"):
         WRITERS["generate"]("new")
     assert Path(".new.part").read_text() == "mine"
-
-
-def test_a_folder_without_experiments_is_named():
-    Path("empty").mkdir()
-    with pytest.raises(UsageError, match=r"config: found the folder 'empty' without a file \*\.yaml"):
-        ibdata.generate("empty")

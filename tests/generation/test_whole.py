@@ -1,22 +1,19 @@
 """All shards or an error: what is not whole is never published, and nothing of it is deleted."""
 
-import os
 import shutil
 from pathlib import Path
-from unittest.mock import Mock
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.datasets import four_shards_at
-from helpers.folders import contents, is_right, part_of, receipts, run_of
+from helpers.folders import contents, is_right, part_of, run_of
 
 import ibdata
 from ibdata import IbdataError
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation import upload, workers
+from ibdata.generation import workers
 from ibdata.generation.record import Record
-from ibdata.system.storage import Remote
 from ibdata.writing import shard as shard_writing
 
 
@@ -111,17 +108,6 @@ def begun(tmp_path_factory):
     return folder
 
 
-def test_finalize_names_what_is_damaged(begun):
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
-    ibdata.generate(TINY, "out", workers=1, shards="2/2")
-    receipt = run_of("out") / "receipts/00002.npy"
-    receipt.write_bytes(receipt.read_bytes()[1:])
-    with pytest.raises(
-        IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: 2; run the same comm"
-    ):
-        ibdata.finalize("out")
-
-
 def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line():
     """Its files lay directly in the part."""
     part_of("out").mkdir()
@@ -133,35 +119,6 @@ def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line():
     ):
         ibdata.generate(TINY, "out", workers=1)
     assert contents() == before
-
-
-def test_receipts_that_cannot_be_listed_are_not_none(monkeypatch):
-    ibdata.generate(TINY, "out", workers=1, shards="1/2")
-    listed = os.listdir
-
-    def failing(folder="."):
-        if Path(folder).name == "receipts":
-            raise OSError(116, "Stale file handle")
-        return listed(folder)
-
-    with monkeypatch.context() as broken:
-        broken.setattr("ibdata.system.part.os.listdir", failing)
-        with pytest.raises(IbdataError, match=r"^out: cannot be written: Stale file handle"):
-            ibdata.generate(TINY, "out", workers=1)
-    assert len(receipts("out")) == 2
-
-
-def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, tiny, files):
-    monkeypatch.chdir(tmp_path)
-    url = f"{tmp_path.as_uri()}/there"
-    monkeypatch.setattr(upload, "work_folder", lambda url, e: tmp_path / "cache/dataset")
-    with monkeypatch.context() as broken:
-        broken.setattr(Remote, "put", Mock(side_effect=OSError(5, "lost")))
-        with pytest.raises(IbdataError, match="the same command tries again"):
-            four_shards_at(url)
-    next(Path("cache/dataset/data").iterdir()).unlink()
-    four_shards_at(url)
-    assert files("there") == files(tiny[0].path)
 
 
 def test_a_dataset_that_is_not_whole_is_not_already_there(tmp_path, monkeypatch):

@@ -5,19 +5,17 @@ import os
 import subprocess
 import sys
 import time
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 from helpers import python
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.folders import contents, is_right, part_of, receipts
+from helpers.folders import contents, part_of, receipts
 
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import workers
-from ibdata.generation.process import Worker
 
 slow = pytest.mark.slow  # a process starts in more than a second
 
@@ -42,38 +40,12 @@ def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked
     assert workers.divide(spec, spec.shards, asked) == expected
 
 
-def test_several_threads_make_the_files_of_one(tiny, files, monkeypatch):
-    running, most, real = set(), [], workers.make_shard
-
-    def counted(spec, shard, *rest):
-        running.add(shard.number)
-        most.append(len(running))
-        real(spec, shard, *rest)
-        running.discard(shard.number)
-
-    monkeypatch.setattr(workers, "available_processors", lambda: 4)
-    monkeypatch.setattr(workers, "make_shard", counted)
-    ibdata.generate(TINY, "several")
-    assert max(most) > 1
-    assert is_right("several", tiny[0].path, files)
-
-
-@slow
-def test_worker_processes_make_the_files_of_one(tiny, files):
-    ibdata.generate(TINY, "out", workers=3)
-    assert is_right("out", tiny[0].path, files)
-
-
 SCRIPT = f"""
 import ibdata, sys
 print(ibdata.generate(ibdata.Experiment.model_validate({TINY.plain()}), "out", workers=2).content_root)
 print(*[name for name in ("pandas", "polars", "duckdb", "matplotlib") if name in sys.modules])
 """
-WAYS = {
-    "script": ["plain.py"],
-    "stdin": ["-"],
-    "-m": ["-m", "package.module"],
-}
+WAYS = {"script": ["plain.py"], "stdin": ["-"], "-m": ["-m", "package.module"]}
 
 
 @slow
@@ -143,13 +115,6 @@ def test_an_error_of_a_worker_reaches_the_caller(own):
         raised.append((type(error.value), str(error.value).replace("episode 3", "episode 2")))
     assert raised[0] == raised[1]
     assert "failing.py" in str(error.value.__cause__)
-
-
-@slow
-def test_a_worker_that_gets_what_cannot_be_unpickled_ends():
-    with closing(Worker(DatasetSpec.of(TINY))) as worker:
-        worker._pipe.send_bytes(b"junk")
-        assert worker._process.wait(timeout=60) == 1
 
 
 RUN = "import ibdata; ibdata.generate('own.yaml', 'out', workers=2, allow_code=True)"

@@ -1,11 +1,7 @@
 """`ibdata card` writes a card and a self-contained report, and the dataset stays valid."""
 
-import base64
 import os
-import re
 import shutil
-import subprocess
-import sys
 from contextlib import contextmanager
 from html.parser import HTMLParser
 from pathlib import Path
@@ -18,7 +14,6 @@ import ibdata
 from ibdata.dataset import manifest
 from ibdata.dataset.tabular import column_texts
 from ibdata.errors import BusyError, DatasetError, UsageError
-from ibdata.plots import PICTURES, drawn
 from ibdata.report import card
 from ibdata.system.part import locked_part
 
@@ -102,17 +97,6 @@ def test_the_report_is_whole_html_that_loads_nothing(page):
     assert any("width=device-width" in value for value in page.all("meta", "content"))
 
 
-def test_the_report_has_all_pictures_and_links_in_the_page(carded, page):
-    shown = {base64.b64decode(value.partition(",")[2]) for value in page.all("img", "src")}
-    assert shown == set(drawn(carded).values())
-    assert len(shown) == len(PICTURES) == len(set(page.all("img", "alt")))
-    assert re.search(r"\.pictures \{[^}]*display: grid", page.text)  # in rows
-    ids = [value for _, name, value in page.attributes if name == "id"]
-    assert len(ids) == len(set(ids))
-    links = {link.removeprefix("#") for link in page.all("a", "href")}
-    assert {*page.all("h2", "id"), *(f"large-{name}" for name in PICTURES)} <= links <= set(ids)
-
-
 def test_the_report_says_what_the_dataset_is(carded, page):
     cells, code = page.texts["td"], "".join(page.texts["code"])
     reward = carded.statistics()["reward"]
@@ -129,17 +113,6 @@ def test_the_report_says_what_the_dataset_is(carded, page):
     names, values, meanings = zip(*measured.rows, strict=True)
     for row in zip(names, column_texts(values), meanings, strict=True):
         assert page.has_row(*row)
-
-
-def test_a_card_that_is_a_pipe_is_named(plain, tmp_path, monkeypatch):
-    folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
-    (folder / "README.md").unlink()
-    os.mkfifo(folder / "README.md")
-    monkeypatch.setattr("ibdata.maintenance.card.drawn", lambda dataset: None)
-    monkeypatch.setattr("ibdata.maintenance.card.page", lambda *arguments: b"")
-    for overwrite in (False, True):
-        with pytest.raises(UsageError, match=r"README.md: cannot be replaced: not a regular file; move it"):
-            card(folder, overwrite)
 
 
 def without_report(*arguments):
@@ -193,13 +166,6 @@ def test_without_matplotlib_only_the_card_is_written(ibdata, plain, carded, tmp_
         "pip install matplotlib, or 'ibdata[plot]'\n"
     )
     assert contents(folder) == expected
-
-
-def test_what_it_says_of_loading_is_true(carded, page):
-    code = next(text for text in page.texts["code"] if "import" in text)
-    done = subprocess.run([sys.executable, "-c", f"{code}\nprint(len(data), len(ds))"], cwd=carded.path,
-                          capture_output=True, text=True, check=True)  # fmt: skip
-    assert done.stdout == "240 240\n"
 
 
 def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied):

@@ -1,7 +1,6 @@
 """Merging: all episodes are there, none twice, and the result is a valid dataset."""
 
 import shutil
-from pathlib import Path
 
 import pytest
 from helpers.folders import part_of, run_of, seal
@@ -69,18 +68,6 @@ def test_a_merged_dataset_is_reproduced_whole_and_in_part(merged, episodes, coun
     assert ibdata.reproduce(merged.path, episodes) == (count, [])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("damage", ["shard 11", "meta/experiment-00001.yaml"])
-def test_a_merged_dataset_is_repaired(merged, shard_file, tmp_path, damage):
-    folder = Path(shutil.copytree(merged.path, tmp_path / "both"))
-    file = shard_file(folder, int(damage.split()[1])) if damage.startswith("shard") else damage
-    whole = (folder / file).read_bytes()
-    (folder / file).unlink()
-    assert ibdata.repair(folder, workers=1) == [file]
-    assert (folder / file).read_bytes() == whole
-    assert ibdata.validate(folder) == []
-
-
 WAYS = {
     "merge": lambda pair, out: ibdata.merge([each.path for each in pair], out),
     "materialize": lambda pair, out: ibdata.split(pair[1].path, "policy", materialize=out),
@@ -126,27 +113,6 @@ def test_what_was_stopped_goes_on_without_copying_again(pair, copied, tmp_path, 
     assert ibdata.validate(made.path) == []
 
 
-def test_a_merge_of_other_datasets_begins_beside(pair, copied, tmp_path, capsys):
-    copied.most = 1
-    with pytest.raises(Interrupted):
-        WAYS["merge"](pair, tmp_path / "out")
-    copied.most = -1
-    made = WAYS["merge"](pair[::-1], tmp_path / "out")
-    assert len(copied) == 1 + 16
-    assert ": an unfinished run of another experiment stays in " in capsys.readouterr().err
-    assert ibdata.validate(made.path) == []
-
-
-def test_the_order_of_merging_does_not_change_the_root(make, tmp_path):
-    a, b, c = (make(name, seed=i).path for i, name in enumerate("abc"))
-    roots = {
-        ibdata.merge([a, b, c], tmp_path / "abc").content_root,
-        ibdata.merge([c, a, b], tmp_path / "cab").content_root,
-        ibdata.merge([ibdata.merge([a, b], tmp_path / "ab").path, c], tmp_path / "ab-c").content_root,
-    }
-    assert len(roots) == 1
-
-
 def test_splits_of_one_name_become_one_and_labels_get_files(make, tmp_path):
     a, b = make("a"), make("b", seed=1)
     ibdata.split(a.path, by="episode", fractions=(2 / 3, 1 / 3))
@@ -164,10 +130,7 @@ SAME = "setpoint 20, policy random: the same episodes are also in"
     [
         ({}, SAME),
         ({"episodes": 1, "policies": [{"kind": "random", "name": "other"}]}, "policy other: the same episod"),
-        (
-            {"seed": 1, "output": {"latent": False}},
-            "column latent_theta_1: found none, expected float32",
-        ),
+        ({"seed": 1, "output": {"latent": False}}, "column latent_theta_1: found none, expected float32"),
         ({"seed": 1, "output": {"dtype": "float64"}}, "column obs_setpoint: found float64, expected float32"),
     ],
 )

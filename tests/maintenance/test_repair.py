@@ -15,10 +15,9 @@ from helpers.folders import contents, seal
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import DatasetError, UsageError
 from ibdata.maintenance.repair import repair
 from ibdata.validation.validate import validate
-from ibdata.writing.columns import writer_options
 
 
 @pytest.fixture(scope="module")
@@ -73,17 +72,6 @@ def test_any_one_file_is_made_again_as_it_was(copied, file, what, how):
     assert validate(copied) == []
 
 
-def test_a_whole_dataset_is_left_alone_and_may_be_read_only(copied):
-    before = {path: path.stat().st_mtime_ns for path in copied.parent.rglob("*")}
-    folders = (copied.parent, copied, copied / "data", copied / "meta")
-    for path in folders:
-        path.chmod(0o555)
-    assert repair(copied, workers=1) == []
-    assert {path: path.stat().st_mtime_ns for path in copied.parent.rglob("*")} == before
-    for path in folders:
-        path.chmod(0o755)
-
-
 def test_other_bytes_with_the_same_content_only_change_hashes(copied, file, monkeypatch):
     """As after a repair that was killed before it wrote the manifest."""
     monkeypatch.setattr("ibdata.maintenance.repair.run", None)  # nothing is simulated
@@ -99,44 +87,6 @@ def test_other_bytes_with_the_same_content_only_change_hashes(copied, file, monk
     assert validate(copied) == []
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_shard_that_is_encoded_otherwise_gets_its_new_entry(copied, file, monkeypatch, workers):
-    """As by another pyarrow than the one that made the dataset."""
-    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # all in this process
-    other = lambda described: {**writer_options(described), "compression": "zstd"}  # noqa: E731
-    monkeypatch.setattr("ibdata.writing.shard.writer_options", other)
-    before, path = ibdata.open(copied), file("shard 1")
-    damage(copied / path, "cut")
-    assert repair(copied, workers=workers) == [path, manifest.CROISSANT]
-    after = ibdata.open(copied)
-    old, new = before.stored.manifest.entries(), after.stored.manifest.entries()
-    assert {name for name in old if old[name] != new[name]} == {path, manifest.CROISSANT}
-    assert (copied / path).stat().st_size == new[path].bytes
-    assert after.content_root == before.content_root
-    assert after.table().equals(before.table())
-    assert validate(copied) == []
-
-
-def test_a_shard_that_its_owner_could_not_read_is_readable(copied, file):
-    path = file("shard 1")
-    damage(copied / path, "cut")
-    (copied / path).chmod(0o040)
-    assert repair(copied, workers=1) == [path]
-    assert stat.S_IMODE((copied / path).stat().st_mode) == 0o440
-
-
-def test_a_missing_file_gets_the_mode_of_the_others(copied, file):
-    path, mode = file("shard 1"), (copied / manifest.PATH).stat().st_mode
-    for lost in (path, manifest.EXPERIMENT):
-        damage(copied / lost, "missing")
-    before = os.umask(0o077)
-    try:
-        repair(copied, workers=1)
-    finally:
-        os.umask(before)
-    assert [(copied / lost).stat().st_mode for lost in (path, manifest.EXPERIMENT)] == [mode, mode]
-
-
 def test_what_validate_refuses_is_not_repaired(copied, file):
     """Here a row that breaks a rule, under the right hashes, beside a file that can be made again."""
     rewritten(
@@ -146,20 +96,6 @@ def test_what_validate_refuses_is_not_repaired(copied, file):
     damage(copied / "meta/dataset.json", "cut")
     with pytest.raises(DatasetError, match=r"part-00001-.*: found after all was made again: .*; make the"):
         repair(copied, workers=1)
-
-
-def test_a_shard_whose_receipt_is_lost_is_not_repaired(copied, file, monkeypatch):
-    path = file("shard 1")
-    damage(copied / path, "cut")
-    before = contents(copied)
-    with monkeypatch.context() as broken:
-        broken.setattr("ibdata.writing.shard.read_receipt", lambda root, shard: None)
-        with pytest.raises(
-            IbdataError, match="1 of 1 shards are missing or damaged: 1; no shard was changed"
-        ):
-            repair(copied, workers=1)
-    assert contents(copied) == before
-    assert repair(copied, workers=1) == [path]
 
 
 @pytest.mark.parametrize("column", ["episode", "latent_mu_v"])
@@ -178,10 +114,7 @@ def test_a_wrong_value_in_any_column_makes_the_shard_again(copied, file, column)
     assert contents(copied) == before
 
 
-LOST = {
-    "missing": None,
-    "another run": lambda listed: listed["safe"].update(runs=[[0, 6]]),
-}
+LOST = {"missing": None, "another run": lambda listed: listed["safe"].update(runs=[[0, 6]])}
 
 
 @pytest.mark.parametrize("change", LOST.values(), ids=LOST)
@@ -200,16 +133,6 @@ def test_lost_splits_are_those_declared_and_a_line_says_so(copied, capsys, chang
     assert capsys.readouterr().err == line
     assert path.read_bytes() == before
     assert validate(copied) == []
-
-
-def test_metadata_are_made_again_from_the_rows(copied, monkeypatch):
-    """As on a machine with other bits, or with a custom policy that was changed since."""
-    monkeypatch.setattr("ibdata.maintenance.repair.run", None)
-    before = contents(copied)
-    for path in ("meta/episodes.parquet", "meta/statistics.json"):
-        damage(copied / path, "cut")
-        assert repair(copied, workers=1) == [path]
-        assert contents(copied) == before
 
 
 def of_another_seed(folder):

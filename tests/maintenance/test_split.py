@@ -1,6 +1,5 @@
 """Splits of a finished dataset: labels without copies, copies in whole files, and no leaks."""
 
-from contextlib import suppress
 from itertools import combinations
 
 import pyarrow.parquet as pq
@@ -84,45 +83,6 @@ def test_each_share_of_100_episodes_has_its_number():
         assert (train.indices(100), test.indices(100)) == (range(percent), range(percent, 100))
 
 
-ASKED = [
-    *(
-        {"by": "setpoint", "source": [20], "target": [70], **budget}
-        for budget in ({}, {"shots": 1}, {"shots": 2}, {"transitions": 9})
-    ),
-    *({"by": "setpoint", "scheme": scheme} for scheme in ("leave-one-out", "interpolation", "extrapolation")),
-    *(
-        {"by": "setpoint", "scheme": "distance", "source": source, "within": 50}
-        for source in ([20], [20, 70])
-    ),
-    *({"by": "episode", "fractions": shares} for shares in ((0.5, 0.5), (0.9, 0.1), (0.4, 0.3, 0.3))),
-    {"by": "policy"},
-]
-
-
-@pytest.mark.parametrize("episodes", [1, 2])
-@pytest.mark.parametrize("setpoints", [[20, 70], [20, 70, 90]], ids=len)
-def test_no_scheme_makes_a_split_without_an_episode(made_at, tmp_path, episodes, setpoints):
-    plain = {"name": "few", "setpoints": setpoints, "policies": ["random", "safe"], "steps": 9}
-    few = made_at({**plain, "episodes": episodes}, tmp_path / "few")
-    for call in ASKED:
-        with suppress(UsageError):
-            ibdata.split(few.path, **call)
-        labelled = ibdata.open(few.path)
-        assert all(members(labelled, name) for name in labelled.splits)
-
-
-def test_close_setpoints_are_told_apart(made_at, tmp_path):
-    made = made_at({**MANY, "setpoints": [50.0000001, 50.0000002, 60.0], "splits": {}}, tmp_path / "close")
-    split = ibdata.split(made.path, "setpoint", scheme="leave-one-out")
-    names = [f"{part}-{p}" for p in ("50_0000001", "50_0000002", "60") for part in ("train", "test")]
-    assert list(split.splits) == names
-    assert conditions(split, "test-50_0000002")[0] == {50.0000002}
-    assert len(split.select(setpoint=50.0000001)) == len(split.select("test-50_0000001"))
-    assert ibdata.validate(made.path) == []
-    with pytest.raises(UsageError, match=r"found setpoint 50, expected one of 50\.0000001, 50\.0000002, 60"):
-        ibdata.split(made.path, "setpoint", source=[50.0], target=[60.0])
-
-
 def test_labels_replace_one_file_and_need_no_row(made):
     before = contents(made.path)
     rows, away = made.path / "data", made.path.parent / "away"
@@ -134,13 +94,6 @@ def test_labels_replace_one_file_and_need_no_row(made):
     assert after.keys() == before.keys()
     assert split.splits["target"] == {"episodes": 4, "rows": 16, "declared": False}
     assert split.content_root == made.content_root
-
-
-def test_a_dataset_that_was_replaced_is_not_split(made):
-    ibdata.generate(MANY, made.path, workers=1, seed=1, overwrite=True)
-    with pytest.raises(BusyError, match="replaced while it was read; open it again"):
-        ibdata.split(made, by="policy")
-    assert list(ibdata.split(made.path, by="policy").splits) == ["low", "random", "safe"]
 
 
 def test_splits_made_together_are_replaced_together(made):
@@ -192,10 +145,7 @@ REFUSED = [
     ({"by": "setpoint", "scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
     ({"by": "setpoint", "scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
     ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
-    (
-        {"by": "policy", "names": {"saef": "x"}},
-        "found 'saef' to be renamed; did you mean 'safe'?",
-    ),
+    ({"by": "policy", "names": {"saef": "x"}}, "found 'saef' to be renamed; did you mean 'safe'?"),
 ]
 
 
@@ -229,14 +179,6 @@ def test_several_schemes_live_together_under_names_of_their_own(made_at, made, t
     assert list(copy.splits) == ["low", "near-source", "near-target", "near-target-rest", "x-train"]
     for folder in (made.path, merged.path, copy.path):
         assert ibdata.validate(folder) == []
-
-
-def test_other_names_keep_what_was_made_before(made):
-    """A named source and target replace no earlier ones, so the rest of these stays."""
-    ibdata.split(made.path, by="setpoint", source=50, target=90, shots=2)
-    names = {"source": "s2", "target": "t2", "target-rest": "t2-rest"}
-    again = ibdata.split(made.path, by="setpoint", source=90, target=50, shots=2, names=names)
-    assert {"source", "target", "target-rest", "s2", "t2", "t2-rest"} <= again.splits.keys()
 
 
 def test_splits_that_were_made_meanwhile_are_not_lost(made, monkeypatch):

@@ -42,15 +42,3 @@ def test_without_a_cache_folder_the_line_says_why(places, capsys):
     places[0] = places[0]._replace(lasting=False)
     compiled.Announcement().begin("ibdata.policies.network")
     assert "in every run, because no cache folder can be written to" in capsys.readouterr().err
-
-
-def test_a_terminal_shows_how_many_are_compiled(monkeypatch, capsys):
-    """So the line is free again for what is printed next."""
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    said = compiled.Announcement()
-    said.begin("ibdata.dynamics.step")
-    said.begin("ibdata.dynamics.step")
-    said.end()
-    assert capsys.readouterr().err == f"{ONCE}\r\033[Kibdata: functions compiled: 1"
-    said.end()
-    assert capsys.readouterr().err == "\r\033[K"

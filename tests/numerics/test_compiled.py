@@ -64,15 +64,6 @@ def test_a_second_process_and_a_clone_compile_nothing(code, copy):
     assert run(package=copy, IBDATA_CACHE_DIR=code) == ("60.0", False)
 
 
-@pytest.mark.parametrize("edited", [FILE, "errors.py"])
-def test_comments_and_other_files_change_nothing(code, copy, edited):
-    """Only the code of a module, and of those that it imports, counts."""
-    with (copy / "ibdata" / edited).open("a") as file:
-        file.write("\n\n# a comment\n")
-    changed(copy, edited, "\n\n\n", "\n\n\n\n")  # other line numbers
-    assert run(package=copy, IBDATA_CACHE_DIR=code) == ("60.0", False)
-
-
 def test_other_code_is_compiled(code, copy):
     """Code that was changed in its own module runs as it is now."""
     changed(copy, FILE, "100.0", "55.0")
@@ -90,27 +81,3 @@ def test_a_number_of_another_module_counts(tmp_path, copy):
     with (copy / "ibdata/numerics/exact.py").open("a") as file:
         file.write("\nONE_MORE = 7.0\n")
     assert run(look, package=copy) != before
-
-
-def test_damaged_machine_code_is_compiled_again(code):
-    """A file that was cut off is passed over, and written again."""
-    for path in (code / "numba").iterdir():
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    assert run(IBDATA_CACHE_DIR=code) == ("60.0", True)
-    assert run(IBDATA_CACHE_DIR=code) == ("60.0", False)
-
-
-def test_the_users_cache_is_the_default(tmp_path):
-    """Without IBDATA_CACHE_DIR, machine code goes to the user's cache."""
-    assert run(XDG_CACHE_HOME=tmp_path)[1]
-    assert list((tmp_path / "ibdata/numba").glob("*.nbc"))
-
-
-def test_where_nothing_can_be_written_it_is_compiled_each_time(tmp_path):
-    """The line on stderr then says so, and nothing is left behind."""
-    (tmp_path / "file").write_text("no folder")
-    (tmp_path / "tmp").mkdir()
-    places = {"IBDATA_CACHE_DIR": tmp_path / "file/x", "XDG_CACHE_HOME": tmp_path / "file/x"}
-    for _ in range(2):
-        assert run(**places, TMPDIR=tmp_path / "tmp") == ("60.0", True)
-    assert list((tmp_path / "tmp").iterdir()) == []

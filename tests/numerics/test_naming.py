@@ -6,7 +6,6 @@ import itertools
 import re
 import string
 
-import numpy as np
 import pytest
 from helpers import tries
 from hypothesis import example, given
@@ -14,16 +13,11 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
-from ibdata.dataset.statistics import moments
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import SplitName
 from ibdata.experiment.split_schemes import leave_one_out
 from ibdata.numerics.naming import exact, yaml_name
-from ibdata.system.files import FileEntry
-from ibdata.writing.card import card
-from ibdata.writing.metadata import episodes_table
-from ibdata.writing.shard import ShardSummary, WrittenShard
 
 SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)
 WORDS = [
@@ -64,22 +58,6 @@ def test_every_reader_of_yaml_finds_the_names_as_text(reader):
     assert found == names
     for name in ("train", "test", "target-rest", "test-50", "e3", "nan", "a1"):
         assert yaml_name(name) == name
-
-
-@pytest.mark.parametrize("reader", readers(), ids=["1.2", "1.1"])
-def test_the_front_matter_of_a_card_names_splits_by_text(reader):
-    splits = {name: {"overlap": True} for name in WORDS}
-    spec = DatasetSpec.of(described(name="1", splits=splits))
-    paths = [f"{shard.stem}-00000000.parquet" for shard in spec.shards]
-    content = ShardSummary([bytes(32)], np.zeros(1), moments(np.zeros((1, 2))), np.zeros((1, 2)), 0)
-    entries = [FileEntry(path, 1, "0" * 64) for path in paths]
-    written = [WrittenShard(shard, entry, content) for shard, entry in zip(spec.shards, entries, strict=True)]
-    episodes = episodes_table(spec, written)
-    _, front, text = card(spec, paths, "0" * 64, episodes).decode().split("---\n", 2)
-    matter = reader.load(front)
-    assert matter["pretty_name"] == "Industrial Benchmark, 1"
-    assert [config["config_name"] for config in matter["configs"]] == ["default", *WORDS]
-    assert "| no | 1 | 2 |" in text
 
 
 @given(st.lists(SETPOINTS, min_size=2, max_size=9, unique=True))

@@ -21,20 +21,8 @@ from scipy import stats
 
 from ibdata import Experiment
 from ibdata.dynamics import SIEMENS, Noise
-from ibdata.dynamics.fatigue import (
-    ALPHA_MEAN,
-    ALPHA_SD,
-    TOLERANCE,
-    bernoulli,
-    squashed_exponential,
-)
-from ibdata.dynamics.noise import (
-    DRIFT_SLOTS,
-    DYNAMICS_SLOTS,
-    NOISE_ROWS,
-    drift_noise,
-    standard_noise,
-)
+from ibdata.dynamics.fatigue import ALPHA_MEAN, ALPHA_SD, TOLERANCE, bernoulli, squashed_exponential
+from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, standard_noise
 from ibdata.experiment.rollout import rollout
 from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.variables import AMPLIFICATION_START
@@ -253,13 +241,6 @@ def test_no_two_variables_of_a_step_or_the_next_are_dependent(series):
         x, y = series[a], series[b]
         pairs = [(x, y), (x[..., 1:], y[..., :-1]), (x[..., :-1], y[..., 1:])]
         assert max(correlation(*pair) for pair in pairs) < SIGMAS, (a, b)
-
-
-def test_a_small_dependence_is_refused(series):
-    planted = (SIGMAS + stats.norm.isf(MISS)) / np.sqrt(N)
-    assert round(planted / LESS, 4) == 0.0086
-    before, x = series["normal_consumption"][..., :-1], series["normal_consumption"][..., 1:]
-    assert correlation(x + planted * before, before) > SIGMAS
 
 
 def digests(episodes):

@@ -17,24 +17,16 @@ import hashlib
 import numpy as np
 import pytest
 from helpers import tries
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from ibdata.dynamics.noise import (
-    DRIFT_SLOTS,
-    DYNAMICS_SLOTS,
-    NOISE_ROWS,
-    Noise,
-    drift_noise,
-    standard_noise,
-)
+from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, NOISE_ROWS, Noise, drift_noise, standard_noise
 from ibdata.numerics import exact
-from ibdata.numerics.random import Purpose, Word, integers, mulhi, philox, slots, stream_key, uniform
+from ibdata.numerics.random import Purpose, Word, integers, philox, stream_key, uniform
 
 examples = tries(200)
 
 CELL = hashlib.sha256(b"golden").digest()
-OTHER_CELL = hashlib.sha256(b"other").digest()
 GOLDEN_KEY = ["0xd22f8da3cafac0de", "0x9ab1da974e4d3384"]
 GOLDEN_RAW = [
     "0x7ca627192591b474",
@@ -85,15 +77,6 @@ def test_the_key_and_the_integers_of_an_address_never_change():
     assert [hex(x) for x in raw()[0].tolist()] == GOLDEN_RAW
 
 
-def test_the_numbers_of_the_purposes_never_change():
-    names = (
-        "DYNAMICS DRIFT POLICY START BURN_IN_DYNAMICS BURN_IN_DRIFT BURN_IN_POLICY EPISODE_POLICY "
-        "MEASUREMENT TRIAL"
-    )
-    assert [purpose.name for purpose in sorted(Purpose)] == names.split()
-    assert sorted(Purpose) == list(range(10))
-
-
 @examples
 @given(
     seed=st.integers(0, 2**64 - 1),
@@ -109,40 +92,6 @@ def test_integers_are_those_of_a_new_philox_at_the_address(seed, index, purpose,
         lane(key, index, purpose, step, steps, 4 * blocks),
         by_numpy(key, index, purpose, step, steps, 4 * blocks),
     )
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"seed": 8},
-        {"seed": 7 + 2**63},
-        {"cell": OTHER_CELL},
-        {"index": 4},
-        {"index": 3 + 2**32},
-        {"purpose": Purpose.DYNAMICS},
-        {"step": 6},
-        {"step": 5 + 2**30},
-    ],
-    ids=lambda change: "".join(change),
-)
-def test_every_part_of_the_address_changes_every_integer(change):
-    assert not np.intersect1d(raw(**change), raw()).size
-
-
-def test_lanes_are_the_episodes_side_by_side_in_any_order():
-    keys = np.array([stream_key(0, CELL), stream_key(0, OTHER_CELL), stream_key(0, CELL)])
-    indices = np.array([5, 0, 2**47])
-    lanes = integers(keys, indices, Purpose.DYNAMICS, 3, 10, 8)
-    assert lanes.shape == (10, 8, 3)
-    for i, (key, index) in enumerate(zip(keys, indices.tolist(), strict=True)):
-        np.testing.assert_array_equal(lanes[:, :, i], by_numpy(key, index, Purpose.DYNAMICS, 3, 10, 8))
-    turned = integers(keys[::-1], indices[::-1], Purpose.DYNAMICS, 3, 10, 8)
-    np.testing.assert_array_equal(turned[:, :, ::-1], lanes)
-
-
-@pytest.mark.parametrize(("draws", "count"), [(0, 0), (1, 4), (3, 4), (4, 4), (5, 8), (8, 8), (9, 12)])
-def test_slots_are_the_next_whole_number_of_blocks(draws, count):
-    assert slots(draws) == count
 
 
 @examples
@@ -165,7 +114,6 @@ def test_each_slot_is_transformed_into_its_field_alone(convert, slots, table):
         assert values.tolist() == [transform(uniform(x)) for x in drawn[slot]], field
 
 
-words = st.integers(0, 2**64 - 1)
 MOST = 2**64 - 1
 # Key, counter, block; the last from the digits of pi.
 KNOWN = [
@@ -185,11 +133,3 @@ def test_a_block_is_that_of_the_known_answer(key, counter, block):
     out = np.empty((4, 1), dtype=np.uint64)
     philox(np.array(key, dtype=np.uint64).reshape(2, 1), c0, c1, np.array([c2]), c3, out)
     assert [f"{x:016x}" for x in out[:, 0].tolist()] == block.split()
-
-
-@tries(200)
-@example(MOST, MOST)
-@example(2**32, 2**32)
-@given(words, words)
-def test_high_is_the_upper_half_of_the_exact_product(a, b):
-    assert int(mulhi(Word(a), Word(b))) == a * b >> 64

@@ -8,7 +8,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from ibdata.plots import pictures
-from ibdata.plots.style import legend_above
 from ibdata.plots.summary import Summary
 
 pytestmark = pytest.mark.slow
@@ -51,71 +50,6 @@ def test_rewards_are_quantiles_of_steps(many):
     assert "minus the cost" in axes.get_xlabel()
 
 
-def test_returns_are_quantiles_of_sums_of_rewards(many):
-    (axes,) = pictured("returns", many).axes
-    returns = (
-        rows(many).astype({"reward": "float64"}).groupby(["policy", "setpoint", "episode"], observed=True)
-    )
-    returns = returns["reward"].sum()
-    for line, label in zip(axes.get_lines(), ["random", "safe", "mediocre"], strict=True):
-        assert line.get_label() == label
-        assert np.allclose(line.get_xdata(), returns[label].groupby("setpoint").median(), rtol=1e-12)
-    whiskers = [path.vertices[:, 0] for path in axes.collections[0].get_paths()]
-    expected = returns["random"].groupby("setpoint").quantile([0.05, 0.95]).to_numpy().reshape(-1, 2)
-    assert np.allclose(whiskers, expected, rtol=1e-12)
-
-
-def test_the_axis_of_setpoints_is_one_of_numbers(make):
-    (axes,) = pictured("returns", make(setpoints=[10.0, 20.0, 100.0], steps=1)).axes
-    assert axes.get_yticks().tolist() == [10, 20, 100]
-    marks = np.array([line.get_ydata() for line in axes.get_lines()])
-    assert np.allclose(marks.mean(axis=0), [10, 20, 100])
-    assert (np.diff(marks, axis=0) < 0).all()  # from top to bottom as in the legend
-    (axes,) = pictured("returns", make(setpoints=[10.0, 50.0, 50.5, 100.0], steps=1)).axes
-    assert "50.5" not in [label.get_text() for label in axes.get_yticklabels()]  # it would hide 50
-
-
-@pytest.mark.parametrize("count", [1, 2, 4, 5, 7])
-def test_a_legend_is_read_row_by_row(count):
-    axes = Figure().subplots()
-    names = [f"policy {i}" for i in range(count)]
-    for name in names:
-        axes.plot([0, 1], label=name)
-    legend_above(axes)
-    axes.figure.draw_without_rendering()
-    boxes = {text.get_text(): text.get_window_extent() for text in axes.get_legend().get_texts()}
-    assert sorted(boxes, key=lambda name: (-round(boxes[name].y0), boxes[name].x0)) == names
-
-
-def test_returns_of_episodes_of_different_length_are_means(merged):
-    (axes,) = pictured("returns", merged).axes
-    means = merged.to_pandas().astype({"reward": "float64"})
-    means = means.groupby(["policy", "episode"], observed=True)["reward"].mean()
-    setpoints = merged.episodes["setpoint"]
-    expected = means["safe"].groupby(setpoints[means["safe"].index].to_numpy()).median()
-    assert np.allclose(axes.get_lines()[1].get_xdata(), expected, rtol=1e-12)
-    assert axes.get_xlabel().startswith("mean reward of a step")
-
-
-@pytest.mark.parametrize(
-    ("panel", "x", "y"), [(0, "velocity", "gain"), (1, "velocity", "shift"), (2, "gain", "shift")]
-)
-def test_coverage_counts_visits_of_squares(many, panel, x, y):
-    figure = pictured("coverage", many)
-    edges = np.arange(0, 101, 2)
-    for i, policy in enumerate(POLICIES):
-        axes = figure.axes[3 * i + panel]
-        data = rows(many).query(f"policy == '{policy}'").astype("float64", errors="ignore")
-        expected = pd.crosstab(
-            pd.cut(data[f"obs_{y}"], edges, right=False, labels=False).fillna(49),  # 100 belongs to the last
-            pd.cut(data[f"obs_{x}"], edges, right=False, labels=False).fillna(49),
-        ).reindex(index=range(50), columns=range(50), fill_value=0)  # fmt: skip
-        image = axes.get_images()[0]
-        assert np.array_equal(image.get_array().filled(0), expected)
-        assert image.get_extent() == [0, 100, 0, 100]
-        assert axes.get_title("right") == f"{(expected > 0).to_numpy().mean():.1%}"
-
-
 def test_the_trade_off_shows_steps_and_means(many):
     figure = pictured("tradeoff", many)
     axes = figure.axes[0]
@@ -135,38 +69,6 @@ def test_the_trade_off_shows_steps_and_means(many):
     assert (axes.get_xlim()[0], axes.get_ylim()[0]) == (0.0, 0.0)
     assert not set(POLICIES) & {line.get_label() for line in axes.get_lines()}  # nothing joins the marks
     assert not axes.texts
-
-
-def test_actions_are_the_density_of_each_policy_s_steps(many):
-    figure = pictured("actions", many)
-    assert "each panel has its own scale" in figure.get_suptitle()
-    panels = iter(figure.axes)
-    data = rows(many)
-    for label in POLICIES:
-        for column in ["act_velocity", "act_gain", "act_shift"]:
-            own = data[column][data["policy"] == label].astype("float64")
-            density = np.histogram(own, np.linspace(-1, 1, 42), density=True)[0]
-            axes = next(panels)
-            assert np.allclose(axes.patches[0].get_data().values, density, rtol=1e-9)
-            assert axes.get_ylim()[0] == 0
-            assert axes.get_ylim()[1] >= density.max()
-            assert axes.get_lines()[0].get_ydata() == [0.5, 0.5]
-
-
-@pytest.mark.parametrize("name", ["many", "moving", "bare"])
-def test_the_traces_are_of_the_median_episode(formed, name):
-    dataset = formed(name)
-    figure = pictured("traces", dataset)
-    returns = dataset.episodes["return"]
-    episode = returns[returns == returns.sort_values().iloc[(len(returns) - 1) // 2]].index[0]
-    data = dataset.to_pandas().query(f"episode == {episode}")
-    shown = [line for axes in figure.axes for line in axes.get_lines()]
-    expected = ["obs_velocity", "obs_gain", "obs_shift", "obs_setpoint", "obs_consumption", "obs_fatigue"]
-    expected += [] if name == "bare" else ["latent_mu_v", "latent_mu_g", "latent_direction"]
-    for line, column in zip(shown, expected, strict=True):
-        assert np.array_equal(line.get_ydata(), data[column][:300])
-    assert figure.get_suptitle().startswith(f"episode {episode}, ")
-    assert ("first 300 steps" in figure.get_suptitle()) == (len(data) > 300)
 
 
 NAMES = {"many": ["source", "target", "target-rest", "random", "safe", "mediocre"], "next": ["low", "(none)"]}
@@ -193,15 +95,3 @@ def written(axes, shape):
         column, row = text.get_position()
         found[row, column] = int(text.get_text())
     return found
-
-
-def test_many_setpoints_and_policies_are_drawn_in_groups(formed):
-    dataset = formed("crowd")
-    episodes = Summary(dataset)
-    assert episodes.setpoints[:2] == ["1 – 3", "4 – 6"]
-    assert len(episodes.setpoints) == 12
-    assert episodes.policies == ["c0", "c1", "c2", "c3", "c4", "c5", "4 others"]
-    assert np.bincount(episodes.policy).tolist() == [60] * 6 + [240]
-    spans = [[float(end) for end in name.split(" – ")] for name in episodes.setpoints]
-    for group, setpoint in zip(episodes.setpoint, dataset.episodes["setpoint"], strict=True):
-        assert spans[group][0] <= setpoint <= spans[group][1]

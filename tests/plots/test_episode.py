@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ibdata.plots.episode import PANELS, draw_episode, frame
+from ibdata.plots.episode import PANELS, draw_episode
 from paper.episodes import episodes
 
 pytestmark = pytest.mark.slow
@@ -26,9 +26,3 @@ def test_the_panels_draw_what_is_seen_and_what_is_hidden():
             assert line.get_label() == label
             assert np.array_equal(line.get_ydata(), steps[name])
     assert figure.axes[-1].get_xlim() == (0, 79)
-
-
-def test_a_frame_is_of_one_size_from_the_first_step_on():
-    frames = [frame(seen(count)) for count in (1, 2, 60)]
-    assert all((x.shape, x.dtype) == ((600, 900, 3), np.uint8) for x in frames)
-    assert (frames[0] != frames[2]).any()

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import sys
 from xml.etree import ElementTree
 
-import matplotlib
 import pytest
 from PIL import Image
 
@@ -47,13 +45,6 @@ def test_the_command_draws_what_python_draws(ibdata, merged, tmp_path):
     assert list(PICTURES) == NAMES
 
 
-def test_a_notebook_shows_the_pictures(many, tmp_path):
-    for form, kind in (("png", "png"), ("svg", "svg+xml")):
-        shown = plot(many, tmp_path / form, form=form)._repr_html_()
-        assert re.findall('alt="(.*?)"', shown) == NAMES
-        assert shown.count(f"data:image/{kind};base64,") == len(NAMES)
-
-
 def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
     done = ibdata("plot", str(many.path), "--out", "svg", "--format", "svg", "--json")
     assert json.loads(done.stdout) == {"version": 1, "files": [f"svg/{name}.svg" for name in NAMES]}
@@ -88,15 +79,6 @@ def test_files_that_exist_are_replaced_only_when_told_to(ibdata, merged, tmp_pat
         plot(merged, tmp_path, overwrite=True)
 
 
-def test_the_user_s_settings_of_matplotlib_do_not_matter(merged, tmp_path):
-    plot(merged, tmp_path / "plain")
-    with matplotlib.rc_context({"lines.linewidth": 9, "font.size": 20, "axes.facecolor": "red"}):
-        before = dict(matplotlib.rcParams)
-        plot(merged, tmp_path / "mine")
-        assert dict(matplotlib.rcParams) == before
-    assert contents(tmp_path / "mine") == contents(tmp_path / "plain")
-
-
 def test_what_cannot_be_meant_is_refused_first(merged, tmp_path):
     with pytest.raises(UsageError, match="form: found 'pdf', expected one of png, svg"):
         plot(merged, tmp_path / "a", form="pdf")
@@ -118,14 +100,3 @@ def test_without_matplotlib_the_command_says_what_to_install(merged, tmp_path):
     needed = "ibdata.plots needs the package matplotlib: pip install matplotlib, or 'ibdata[plot]'"
     assert done.stderr == f"ibdata: {needed}\n"
     assert os.listdir(tmp_path) == []
-
-
-def test_help_needs_no_matplotlib_and_no_window_is_opened(merged, tmp_path):
-    code = f"""
-import sys
-import ibdata.cli.use, ibdata.plots
-assert not {{"matplotlib", "numpy"}} & set(sys.modules)
-ibdata.plots.plot({str(merged.path)!r}, {str(tmp_path)!r})
-assert "matplotlib.pyplot" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)

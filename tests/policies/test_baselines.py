@@ -8,7 +8,7 @@ import pytest
 from helpers.policies import action_of, log_density_of, proposed
 
 from ibdata.policies import POLICIES
-from ibdata.policies.baselines import OBSERVATION_MEAN, OBSERVATION_STD
+from ibdata.policies.baselines import OBSERVATION_MEAN
 from ibdata.policies.distributions import LOG_EIGHTH
 
 Constant, Random = POLICIES["constant"], POLICIES["random"]
@@ -60,30 +60,6 @@ def optimized(**values):
 )
 def test_optimized_is_its_formula(values, component, expected):
     assert optimized(**values)[component] == pytest.approx(expected, abs=1e-6)
-
-
-def test_the_statistics_are_those_of_the_source():
-    """Of the setpoint: those of 10, 20, …, 100, so of a batch over ten setpoints."""
-    setpoints = np.arange(10.0, 101.0, 10.0)
-    assert (OBSERVATION_MEAN[0], OBSERVATION_STD[0]) == (setpoints.mean(), round(setpoints.std(), 2))
-    assert OBSERVATION_MEAN == (55.0, 48.75, 50.53, 49.45, 37.51, 166.33)
-    assert OBSERVATION_STD == (28.72, 12.31, 29.91, 29.22, 31.17, 139.44)
-
-
-def test_its_mass_lies_at_the_float32_of_its_action():
-    own = np.array([0.1, -1.0, 0.0], dtype=np.float32)
-    others = np.tile(own, (3, 1))
-    others[range(3), range(3)] = np.nextafter(own, np.float32(2.0))
-    policy = Constant(action=(0.1, -1.0, 0.0))
-    assert log_density_of(policy, SOME[:1], own[None]).tolist() == [0.0]
-    assert log_density_of(policy, SOME, others).tolist() == [-np.inf] * 3
-
-
-def test_two_spellings_of_zero_are_one_policy():
-    """They give the same data, so they must have the same random numbers."""
-    minus, plus = (Constant(action=(0.5, x, 0.0)) for x in (-0.0, 0.0))
-    assert repr(minus.form()) == repr(plus.form())
-    assert log_density_of(minus, SOME[:1], np.array([[0.5, 0.0, 0.0]], np.float32)).tolist() == [0.0]
 
 
 @pytest.mark.parametrize(

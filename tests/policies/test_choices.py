@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from helpers.policies import distribution, played, playing
 
-from ibdata.experiment import Experiment
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
 from ibdata.policies.checked import ask
-from ibdata.policies.user_object import UserObject
 
 Sticky, Mixture, Schedule = (POLICIES[kind] for kind in ("sticky", "mixture", "schedule"))
 UP = {"kind": "constant", "action": [0.5, 0.5, 0.5]}
@@ -122,13 +120,3 @@ def test_a_share_of_random_actions_changes_with_the_step(stages, shares):
             mass = 1.0 - epsilon if epsilon < 1.0 else 1 / 8
             assert log_density(policy, given, SAME) == pytest.approx(np.log(mass))
             assert log_density(policy, given, OTHER) == pytest.approx(np.log(epsilon / 8))
-
-
-def test_custom_policies_are_found_at_any_depth():
-    custom = {"kind": "custom", "target": "a:b", "history": 7}
-    sticky = {"kind": "sticky", "base": custom, "kappa": 0.1}
-    stages = [{"base": {"kind": "mixture", "bases": [RANDOM, sticky]}, "steps": 3}, {"base": {"kind": "bad"}}]
-    policy = Schedule(stages=stages)
-    assert [each.kind for each in policy.everywhere(UserObject)] == ["custom"]
-    made = Experiment(name="x", setpoints=70, policies=[policy])
-    assert Experiment.model_validate(made.plain()) == made

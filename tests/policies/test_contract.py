@@ -11,27 +11,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.policies import BLOCKS, log_density_of, playing, policy_of
+from helpers.policies import BLOCKS, log_density_of, policy_of
 from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
 from ibdata.policies import POLICIES, Decision, Policy, purity
-from ibdata.policies.checked import ask
 from ibdata.testing import check_policy
 
 pytestmark = pytest.mark.usefixtures("network_here")
 blocks = pytest.mark.parametrize("block", BLOCKS)
-
-
-def read_only(array):
-    array = array.copy()
-    array.flags.writeable = False
-    return array
-
-
-def test_every_kind_is_in_the_table():
-    assert {block["kind"] for block in BLOCKS} == set(POLICIES) - {"live"}  # objects are in test_user_object
 
 
 @pytest.mark.slow
@@ -99,27 +88,6 @@ def test_its_form_is_what_differs_from_defaults(block):
         assert json.loads(json.dumps(policy.form())) == block
     if set(block) == {"kind"}:
         assert policy_of({**block, **policy.model_dump(exclude={"name"})}).form() == block
-
-
-@blocks
-def test_policies_are_equal_by_class_and_options_also_when_one_has_acted(block):
-    policy = policy_of(block)
-    list(playing(policy, 2, 2))
-    assert policy == policy_of(block)
-    assert policy != policy.model_copy(update={"name": "mine"})
-
-
-@blocks
-def test_arrays_that_cannot_be_written_are_enough(block):
-    policy = policy_of(block)
-    given, action = list(playing(policy, 20, 4))[3]
-    seen = given.apply(read_only)
-    (one, memory), (other, same_memory) = (ask(policy, each) for each in (seen, given))
-    np.testing.assert_array_equal(memory, same_memory)
-    np.testing.assert_array_equal(one.sample(seen.uniforms), other.sample(given.uniforms))
-    found = one.log_density(read_only(action))
-    np.testing.assert_array_equal(found, other.log_density(action))
-    assert np.isfinite(found).all() or "coloured_noise" in json.dumps(block)
 
 
 def test_a_policy_that_gives_no_density_has_nan():

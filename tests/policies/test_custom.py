@@ -58,12 +58,6 @@ def test_what_cannot_be_used_is_one_line(target, line):
     assert str(error.value).startswith(line)
 
 
-def test_what_cannot_be_used_leaves_nothing(mine):
-    with pytest.raises(PolicyError, match=r"^mine:absent: found no 'absent'"):
-        ibdata.generate(described(target="mine:absent"), "out", workers=1, allow_code=True)
-    assert not (mine / "out").exists()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("wrap", [False, True], ids=["itself", "as a base"])
 def test_code_runs_only_where_it_is_allowed(mine, wrap, capsys):
@@ -85,19 +79,6 @@ def test_code_runs_only_where_it_is_allowed(mine, wrap, capsys):
     }
     assert made.manifest["code"] == [recorded]
     assert ibdata.generate(experiment, "again", workers=1, allow_code=True).content_root == made.content_root
-
-
-def test_deterministic_code_has_a_density_and_may_be_a_base(mine):
-    still = {"kind": "custom", "target": "mine:Learned", "history": 2, "deterministic": True}
-    others = [
-        {"kind": "gaussian", "base": still, "scale": 0.1},
-        {"kind": "epsilon_greedy", "base": still, "epsilon": 0.2},
-    ]
-    experiment = load({**described(target="x:y").plain(), "policies": [still, *others]})
-    rows = ibdata.generate(experiment, "out", workers=1, allow_code=True).to_pandas()
-    assert (rows["action_log_prob"][rows["policy"] == "custom"] == 0.0).all()
-    assert np.isfinite(rows["action_log_prob"]).all()
-    assert rows["action_log_prob"].nunique() > 2
 
 
 @pytest.mark.slow
@@ -126,14 +107,3 @@ def test_evaluating_a_file_that_names_code_needs_leave(mine):
     from_file = ibdata.evaluate("p.yaml", steps=3, episodes=2, allow_code=True)
     typed = ibdata.evaluate({"kind": "custom", "target": "mine:actor", "uniforms": 3}, steps=3, episodes=2)
     assert from_file.returns.tolist() == typed.returns.tolist()
-
-
-def test_a_suite_with_code_is_refused_before_anything_is_made(mine):
-    (mine / "suite").mkdir()
-    (mine / "suite/a.yaml").write_text("name: a\nsetpoints: 70\npolicies: [{kind: random}]\nsteps: 3\n")
-    code = "[{kind: custom, target: 'mine:Learned', history: 2}]"
-    (mine / "suite/b.yaml").write_text(f"name: b\nsetpoints: 70\npolicies: {code}\nsteps: 3\n")
-    with pytest.raises(UsageError, match="b: found a custom policy"):
-        ibdata.generate("suite", "out", workers=1)
-    assert not (mine / "out").exists()
-    assert list(ibdata.generate("suite", "out", workers=1, allow_code=True)) == ["a", "b"]

@@ -45,21 +45,6 @@ def sha256(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def still():
-    """The returns of the constant policy that each file here is."""
-    return ibdata.evaluate({"kind": "constant", "action": [0.5] * 3}, steps=3, episodes=2).returns
-
-
-@pytest.mark.slow
-def test_a_module_beside_the_yaml_is_found_or_one_here(beside, tmp_path):
-    (code,) = beside("policy_beside:Own").manifest["code"]
-    assert code["sha256"] == sha256(tmp_path / "exp/policy_beside.py")
-    assert "policy_beside" not in sys.modules
-    (tmp_path / "policy_beside.py").write_text(BESIDE.replace("from size_of_mine import SIZE", "SIZE = 0.25"))
-    (code,) = beside("policy_beside:Own", "here").manifest["code"]
-    assert code["sha256"] == sha256(tmp_path / "policy_beside.py")
-
-
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_file_is_found_with_what_it_imports_and_hashed(beside, tmp_path, workers):
     made = beside("code/own-policy.py:Own", workers=workers)
@@ -95,18 +80,3 @@ def test_a_missing_file_is_expected_in_places_that_are_named(beside, tmp_path):
     assert ibdata.reproduce("out", allow_code=True) == (2, [])
     again = ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)
     assert again.content_root == ibdata.open("out").content_root
-
-
-def test_a_file_of_which_there_are_two_that_differ_is_refused(beside, tmp_path):
-    (tmp_path / "code").mkdir()
-    (tmp_path / "code/own-policy.py").write_text("Own = 1")
-    with pytest.raises(UsageError, match=r"own-policy\.py, which differ; remove one"):
-        beside("code/own-policy.py:Own")
-
-
-@pytest.mark.parametrize("name", ["json", pytest.param("own-policy", marks=pytest.mark.slow)])
-def test_a_file_may_have_the_name_of_any_module(beside, tmp_path, name):
-    (tmp_path / f"exp/{name}.py").write_text((tmp_path / "exp/policy_beside.py").read_text())
-    assert set(beside(f"{name}.py:Own").to_pandas()["act_gain"]) == {0.5}
-    found = ibdata.evaluate({"kind": "custom", "target": f"exp/{name}.py:Own"}, steps=3, episodes=2)
-    assert found.returns.tolist() == still().tolist()

@@ -11,7 +11,6 @@ from helpers import remembering
 import ibdata
 from ibdata.errors import PolicyError
 from ibdata.experiment import load
-from ibdata.policies import Decision, Needs, Uniform
 
 
 @pytest.fixture
@@ -54,15 +53,3 @@ def test_the_options_must_give_what_an_object_needs():
     line = "found uniforms: 0, expected at least the needs of Centred; write uniforms: 3"
     with pytest.raises(PolicyError, match=line):
         ibdata.evaluate({"kind": "custom", "target": "remembering.py:Centred"}, steps=2, episodes=2)
-
-
-def test_a_live_object_that_sees_nothing_is_generated(tmp_path):
-    class Blind:
-        needs = Needs(history=0, step_draws=3)
-
-        def decide(self, observed):
-            return Decision(Uniform(), observed.memory)
-
-    config = {"name": "blind", "setpoints": 50, "policies": [Blind()], "steps": 5}
-    made = ibdata.generate(config, out=tmp_path / "blind")
-    assert made.to_pandas()["action_log_prob"].tolist() == pytest.approx([np.log(1 / 8)] * 5)

@@ -8,7 +8,7 @@ from policies.test_recount import SIGMAS, N, recounted
 
 from ibdata.policies import Certain, ClippedNormal, Uniform
 from ibdata.policies.actions import applied
-from ibdata.policies.distributions import ByRow, Group, Unknown
+from ibdata.policies.distributions import ByRow, Group
 from ibdata.policies.replaced import OrCertain, OrUniform
 from ibdata.policies.sampled import SquashedNormal
 
@@ -50,21 +50,6 @@ def test_draws_are_as_frequent_as_the_density_says(make):
     assert expected.sum() == pytest.approx(1.0, abs=1e-3)
     error = np.sqrt((expected * (1.0 - expected) + 1.0 / N) / N)
     assert (np.abs(counted - expected) / error).max() < SIGMAS
-
-
-def test_each_row_has_its_own_mean_and_deviation():
-    both = ClippedNormal(np.array([[0.0] * 3, [0.5] * 3]), np.array([[0.1] * 3, [0.2] * 3]))
-    action = np.array([[0.1, 0.0, 0.0], [0.5, 0.5, 0.9]], dtype=np.float32)
-    for i, row in enumerate((slice(0, 1), slice(1, 2))):
-        alone = ClippedNormal(both.mean[row], both.sd[row])
-        assert both.log_density(action)[i] == alone.log_density(action[row])[0]
-    assert both.log_density(action)[0] == pytest.approx(3 * np.log(10 / np.sqrt(2 * np.pi)) - 0.5)
-
-
-def test_what_is_unknown_has_no_density_but_edges():
-    unknown = Unknown(np.zeros((2, 3)))
-    assert np.isnan(unknown.log_density(np.zeros((2, 3), np.float32))).all()
-    assert unknown.atoms(np.array([[1.0, 0.0, -1.0]], np.float32)).tolist() == [[True, False, True]]
 
 
 def test_atoms_of_a_mixture_are_those_of_its_parts():

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -130,11 +128,6 @@ def test_every_use_of_a_model_refuses_and_says_the_same(tmp_path, monkeypatch, c
     assert "no environment" not in capsys.readouterr().err
 
 
-def test_a_true_value_says_it_too(dataset, capsys):
-    ibdata.true_values(dataset, [0], Model(), steps=2, episodes=2)
-    assert capsys.readouterr().err.startswith("ibdata: model: the model has no environment, so it is given")
-
-
 def test_a_network_without_its_environment_is_saved_with_a_given_scaling_only(tmp_path, capsys):
     """Else nobody knows whether observations went through a VecNormalize."""
     file = tmp_path / "actor.safetensors"
@@ -148,13 +141,3 @@ def test_a_network_without_its_environment_is_saved_with_a_given_scaling_only(tm
     ibdata.save_network(file, Model(), mean=np.zeros(6), std=np.ones(6))
     ibdata.save_network(file, Model(vectors([OWN])))
     assert capsys.readouterr().err == ""
-
-
-def test_a_policy_without_its_model_is_said(monkeypatch):
-    class BasePolicy:
-        predict = Model.predict
-
-    name = "stable_baselines3.common.policies"
-    monkeypatch.setitem(sys.modules, name, SimpleNamespace(BasePolicy=BasePolicy))
-    assert environment_note(BasePolicy()).startswith("the policy of a model has no environment, so")
-    assert environment_note(Model(vectors([OWN]))) is None

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 from helpers import networks
-from helpers.policies import action_of, proposed
+from helpers.policies import proposed
 from pydantic import ValidationError
 
 from ibdata.experiment import load
@@ -68,12 +68,6 @@ def test_sums_are_taken_in_order_in_float32(saved, frames, hidden, log_std):
     np.testing.assert_array_equal(outputs(policy, history), expected)
 
 
-def test_hidden_layers_may_end_in_tanh(saved):
-    found, history = saved(activation="tanh"), histories(50, 2)
-    expected = in_order(history, networks.tensors(), True)
-    np.testing.assert_allclose(outputs(found, history), expected, atol=1e-6)
-
-
 def test_the_action_is_the_tanh_of_the_mean_and_one_next_to_it(saved):
     policy = saved(mean="[0, 0, 0, 0, 0, 0]", std="[1, 1, 1, 1, 1, 1]")
     history = histories(2000, 2) / 10
@@ -83,15 +77,6 @@ def test_the_action_is_the_tanh_of_the_mean_and_one_next_to_it(saved):
     assert edge.any()
     np.testing.assert_array_equal(action[edge], np.sign(expected[edge]))
     np.testing.assert_allclose(action, expected, atol=1e-6)
-
-
-def test_a_clipped_mean_is_left_to_the_caller(saved):
-    policy = saved(squash="clip")
-    history = histories(50, 2)
-    action = proposed(policy, history, np.empty((50, 0)))
-    np.testing.assert_array_equal(action, outputs(policy, history)[:, :3])
-    assert np.abs(action).max() > 1.0
-    assert np.abs(action_of(policy, history)).max() == 1.0
 
 
 def test_a_policy_is_its_weights_not_their_path(saved, tmp_path):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import ibdata
 from ibdata import evaluate
 from ibdata.errors import PolicyError
 from ibdata.policies import Decision, Deterministic, Policy
@@ -13,7 +12,6 @@ from ibdata.policies.actions import DISCRETE
 from ibdata.testing import check_policy
 
 FEW = {"episodes": 3, "steps": 20}
-RUN = {"name": "x", "setpoints": [20, 70], "steps": 20}
 
 
 def numbered(observations):
@@ -47,12 +45,6 @@ def test_whole_numbers_are_the_discrete_actions(policy):
     assert found.returns[0].tolist() == found.returns[1].tolist()
     assert found.returns[0].std() > 0.0
     check_policy(policy)
-
-
-def test_discrete_actions_make_a_dataset_of_three_numbers(tmp_path):
-    ds = ibdata.generate({**RUN, "policies": [numbered]}, tmp_path / "data")
-    arrays = ds.arrays()
-    assert arrays["actions"].tolist() == spelt_out(arrays["observations"]).tolist()
 
 
 @pytest.mark.parametrize(
@@ -127,17 +119,6 @@ def test_an_evaluation_says_that_much_is_clipped(policy, clipped, notes):
     found = evaluate(policy, setpoint=0, episodes=4, steps=20)
     assert [note for note in found.notes if "clipped" in note] == notes
     assert found.results[0].clipped == clipped
-
-
-def test_the_other_uses_say_it_on_stderr(tmp_path, capsys):
-    check_policy(targets)
-    assert capsys.readouterr().err == f"ibdata: targets: {OFTEN}\n"
-    for number, policy in enumerate((targets, {"kind": "epsilon_greedy", "base": targets, "epsilon": 0.5})):
-        ibdata.generate({**RUN, "policies": ["random", policy]}, tmp_path / str(number))
-        assert capsys.readouterr().err == f"ibdata: live:targets: {OFTEN}\n"
-    ibdata.generate({**RUN, "policies": ["mediocre", numbered]}, tmp_path / "own")
-    check_policy(numbered)
-    assert capsys.readouterr().err == ""
 
 
 class Drawing:

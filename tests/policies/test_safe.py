@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from statistics import NormalDist
 
-import mpmath
 import numpy as np
 import pytest
 from helpers.policies import distribution, log_density_of, proposed
@@ -17,47 +16,12 @@ Safe = POLICIES["safe"]
 BELOW, INSIDE, ABOVE = 20.0, 50.0, 80.0
 SD = 3**-0.5
 Z_0, Z_1 = (NormalDist(0.5, SD).cdf(z) for z in (0.0, 1.0))  # the draws that make z = 0 and 1
-ONE_SD = NormalDist().cdf(1.0)
 TOWARDS, AWAY, HALF = module.LOG_MASS_TOWARDS, module.LOG_MASS_AWAY, module.LOG_HALF
 
 
 def history(v, g):
     """One episode in which everything but velocity and gain would mislead."""
     return np.array([[[10.0, v, g, 90.0, 30.0, 70.0]]], dtype=np.float32)
-
-
-def normal_mass(z):
-    """P(Z <= z) for Z ~ N(½, 1/√3)."""
-    return mpmath.ncdf((z - mpmath.mpf(1) / 2) * mpmath.sqrt(3))
-
-
-CONSTANTS = {
-    "STEERED_SD": lambda: 1 / mpmath.sqrt(3),
-    "LOG_SD_SQRT_2PI": lambda: mpmath.log(mpmath.sqrt(2 * mpmath.pi) / mpmath.sqrt(3)),
-    "LOG_MASS_TOWARDS": lambda: mpmath.log(1 - normal_mass(1)),
-    "LOG_MASS_AWAY": lambda: mpmath.log(normal_mass(-1)),
-    "LOG_HALF": lambda: mpmath.log(mpmath.mpf(1) / 2),
-}
-
-
-@pytest.mark.parametrize("name", CONSTANTS)
-def test_every_constant_is_its_formula(name):
-    with mpmath.workprec(200):
-        assert getattr(module, name) == float(CONSTANTS[name]())
-
-
-@pytest.mark.parametrize(
-    ("v", "g", "u", "expected"),
-    [  # draws 0 and 1 are the normals of v and g, 2 and 3 their uniforms, 4 the shift's; Φ⁻¹(½) = 0, so z = ½
-        (BELOW, ABOVE, [0.5] * 5, [0.5, -0.5, 0.0]),
-        (BELOW, ABOVE, [ONE_SD, ONE_SD, 0.5, 0.5, 0.5], [0.5 + SD, -0.5 - SD, 0.0]),  # not yet clipped
-        (INSIDE, INSIDE, [0.5, Z_0, 0.25, 0.625, 0.875], [-0.5, 0.25, 0.75]),
-        (BELOW, INSIDE, [0.5, Z_0, 0.25, 0.625, 0.875], [0.5, 0.25, 0.75]),
-        (INSIDE, ABOVE, [0.5, Z_0, 0.25, 0.625, 0.875], [-0.5, 0.0, 0.75]),
-    ],
-)
-def test_each_number_has_its_own_draws(v, g, u, expected):
-    assert proposed(Safe(), history(v, g), np.array([u]))[0] == pytest.approx(expected, abs=1e-14)
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,8 @@ from helpers.policies import distribution
 
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Needs, at_start
-from ibdata.policies.network import TANH_EDGE, Network
-from ibdata.policies.noise import Gaussian
-from ibdata.policies.sampled import ATANH_OF_EDGE, Sampled, log_component, rounded_to
+from ibdata.policies.network import Network
+from ibdata.policies.sampled import Sampled, log_component, rounded_to
 
 COMPONENTS = [(0.3, -1.0), (-1.2, 0.2), (7.0, -2.0), (7.27, 1.0), (-12.0, 0.5)]
 
@@ -31,16 +30,18 @@ def sampled(tmp_path):
     return make
 
 
-def drawn(policy, n):
-    """What a policy is given in n states, and its actions."""
-    rng = np.random.default_rng(0)
-    given = at_start(rng.uniform(0.0, 100.0, (n, 1, 6)).astype(np.float32), policy.needs, rng.random((n, 4)))
-    return given, applied(distribution(policy, given).sample(given.uniforms))
-
-
 def density(action, mean, log_std, by_tanh=True):
     action = np.float32(action)
     return log_component(action, *rounded_to(action, by_tanh), mean, log_std, by_tanh)
+
+
+def test_the_mean_has_a_mass_only_where_it_may_be_played(sampled):
+    seen = at_start(np.zeros((1, 1, 6), np.float32), Needs(), np.full((1, 4), 0.9))
+    outputs = {"mean": [0.25] * 3, "log_std": [0.0] * 3}
+    sometimes, always = (distribution(sampled(share, **outputs), seen) for share in (0.3, 1.0))
+    mean = applied(sometimes.sample(seen.uniforms))
+    assert sometimes.atoms(mean).all()
+    assert not always.atoms(mean).any()
 
 
 @pytest.mark.parametrize(
@@ -55,10 +56,6 @@ def test_log_deviations_are_bounded_as_the_file_says(sampled, way, given, expect
     np.testing.assert_allclose(
         distribution(policy, seen).sample(seen.uniforms)[0], z * np.exp(expected), rtol=1e-4
     )
-
-
-def test_the_edge_is_that_of_the_action():
-    assert pytest.approx(float(mpmath.atanh(mpmath.mpf(TANH_EDGE))), rel=1e-15) == ATANH_OF_EDGE
 
 
 @pytest.mark.parametrize("log_std", [-20.0, -15.0])
@@ -86,12 +83,3 @@ def test_the_density_agrees_with_the_formula_in_many_digits(mean, log_std):
         a = mp.mpf(float(np.float32(action)))
         expected = mp.log(mp.npdf(mp.atanh(a), mean, mp.exp(log_std)) / (1 - a * a))
         assert density(action, mean, log_std) == pytest.approx(float(expected), rel=1e-12, abs=1e-12)
-
-
-def test_a_clipped_draw_has_the_density_of_gaussian_noise(sampled):
-    policy = sampled(mean=[0.25, -0.5, 0.75], log_std=[-0.5] * 3, share=1.0, squash="clip")
-    noise = Gaussian(base=policy.base, scale=math.exp(-0.5))
-    given, action = drawn(policy, 500)
-    assert (np.abs(action) == 1.0).any()
-    densities = [distribution(each, given).log_density(action) for each in (policy, noise)]
-    np.testing.assert_allclose(*densities, rtol=1e-9)

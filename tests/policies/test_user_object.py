@@ -12,9 +12,9 @@ import pytest
 from helpers.policies import proposed
 
 import ibdata
-from ibdata.errors import PolicyError, UsageError
+from ibdata.errors import UsageError
 from ibdata.evaluation.policies import policy_of
-from ibdata.policies import ClippedNormal, Decision, Needs, Policy
+from ibdata.policies import Decision, Policy
 from ibdata.policies.checked import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
@@ -171,17 +171,6 @@ def test_a_torch_module_is_left_as_it_was(gradients, fails):
     assert (net.training, frozen.training, other.training) == (True, False, True)
 
 
-def test_a_torch_module_with_predict_is_asked_by_it(gradients):
-    class Learned(Module):
-        def predict(self, observations):
-            return observations[:, 1:4], None
-
-        def __call__(self, seen):
-            raise AssertionError
-
-    np.testing.assert_array_equal(asked(Learned()), HISTORY[:, 0, 1:4])
-
-
 class Named(Policy):
     """A policy of a user, with a name or without."""
 
@@ -200,24 +189,3 @@ def test_a_policy_of_a_user_keeps_its_name_in_an_experiment():
     within = {"kind": "epsilon_greedy", "base": Named(name="one"), "epsilon": 0.1}
     with pytest.raises(ibdata.IbdataError, match="found a name in the base, expected the name beside"):
         ibdata.Experiment(name="x", setpoints=70, policies=[within])
-
-
-@pytest.mark.parametrize("episodes", [1, 3])
-def test_a_deviation_for_each_episode_has_a_column(episodes):
-    """One of shape (n,) is refused, however many episodes there are, before it acts in any."""
-
-    class Noisy:
-        needs = Needs(step_draws=3)
-
-        def __init__(self, *columns):
-            self.columns = columns
-
-        def decide(self, observed):
-            n = len(observed.step)
-            return Decision(
-                ClippedNormal(np.zeros((n, 3)), np.full((n, *self.columns), 0.1)), observed.memory
-            )
-
-    ibdata.evaluate(Noisy(1), episodes=episodes, steps=2)
-    with pytest.raises(PolicyError, match=r"found deviations of shape \(32,\), expected a number, \(n, 1\)"):
-        ibdata.evaluate(Noisy(), episodes=episodes, steps=2)

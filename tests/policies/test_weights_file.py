@@ -124,7 +124,3 @@ def test_a_model_that_a_file_cannot_hold_is_refused(tmp_path, monkeypatch, model
     with pytest.raises(UsageError, match=f"^{line}"):
         save_network(tmp_path / "actor.safetensors", model, **options)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_model_that_clips_its_inputs_as_the_file_says_is_saved(tmp_path):
-    assert save_network(tmp_path / "actor.safetensors", Clamped(SMALL), clip=5.0)

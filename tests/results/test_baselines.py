@@ -44,57 +44,6 @@ def line(run, shift=0.0) -> Baseline:
     return baseline(np.linspace(-7000.0, -6000.0, 200) + shift, **run._asdict())
 
 
-def test_a_line_keeps_the_returns_and_their_statistics(baselines):
-    returns = np.random.default_rng(0).normal(-6000.0, 50.0, 200)
-    made = line(baselines.plan()[0]).model_copy(update={"evaluations": [measured(LITERATURE, returns[None])]})
-    [kept] = Baseline.model_validate_json(made.model_dump_json()).evaluations
-    np.testing.assert_allclose(kept.values, [returns], rtol=1e-7)
-    assert kept.mean_return == pytest.approx(returns.mean())
-    assert kept.standard_error == pytest.approx(returns.std(ddof=1) / np.sqrt(200), rel=1e-4)
-    assert kept.p10 == pytest.approx(np.quantile(returns, 0.1))
-    failed = measured(LITERATURE, None, "NaN")
-    assert (failed.mean_return, failed.values, failed.failure) == (None, None, "NaN")
-    assert kept.settings == failed.settings == LITERATURE
-
-
-def test_the_script_makes_what_is_missing_and_says_so(baselines, run, tmp_path):
-    """Each result is in the file before the next run begins, so a killed script loses one run only."""
-    plan, made, kept = baselines.plan()[14:20], [], []
-
-    def make(key, data):
-        made.append(key)
-        kept.append(len(shipped_baselines([tmp_path / "x.jsonl"])))
-        return line(key)
-
-    run([plan[1]])
-    lines, _ = run(plan, made=make)
-    assert made == [plan[0], *plan[2:]]
-    assert kept == [1, 2, 3, 4, 5]
-    assert lines == [line(key) for key in plan]
-    run(plan, made=make)
-    assert len(made) == 5
-    lines, printed = run(plan, "--list")
-    assert printed[2] == (
-        "3/6 siemens-offline/bad-0 whole set bc 0: return -65.00 ± 0.21, 10th percentile -69.00, in hundreds"
-    )
-
-
-def test_a_run_that_fails_leaves_no_result_and_the_others_go_on(baselines, run, tmp_path, capsys):
-    plan = baselines.plan()[14:18]
-
-    def made(key, data):
-        if key == plan[1]:
-            raise FloatingPointError("NaN")
-        return line(key)
-
-    with pytest.raises(SystemExit, match="failed: 1 of 4 runs"):
-        run(plan, made=made)
-    assert shipped_baselines([tmp_path / "x.jsonl"]) == [line(key) for key in (plan[0], *plan[2:])]
-    assert (
-        "2/4 siemens-offline/optimized-80 whole set behaviour: failed\nTraceback" in capsys.readouterr().err
-    )
-
-
 def test_the_page_holds_the_results_that_were_run_and_no_others(baselines):
     assert tables_of(PAGE) == f"\n{page.block(LINES, baselines.plan())}\n"
 
@@ -127,43 +76,6 @@ def test_the_expert_is_no_bound_over_100_steps(setpoint, velocity, gain, said, m
     [found] = ibdata.evaluate("expert", setpoint=setpoint, episodes=1000).results
     assert said in re.sub(r"\s+", " ", PAGE)
     assert f"{found.mean_return / 100:.1f}".replace("-", "−") == said.split()[-1]
-
-
-def test_tables_show_means_of_seeds_and_dashes_for_gaps(baselines):
-    runs = [baselines.Run("siemens-offline/bad-0", WHOLE, "bc", seed) for seed in (0, 1)]
-    runs.append(baselines.Run("siemens-offline/bad-0", WHOLE, "cql", 0))
-    failed = line(runs[2]).model_copy(update={"evaluations": [measured(LITERATURE, None, "NaN")]})
-    block = page.block([line(runs[0]), line(runs[1], shift=100.0), failed], baselines.plan())
-    assert block.startswith("3 of 341 runs are done; ")
-    rows = [text for text in block.splitlines() if text.startswith("| `siemens-offline/bad-0`")]
-    assert rows == ["| `siemens-offline/bad-0` | – | −64.5 | – | – | 1 failed | – |"]
-
-
-def test_runs_are_counted_by_their_paired_difference(baselines):
-    def of(name, algorithm, returns):
-        run = baselines.Run(name, WHOLE, algorithm, None if algorithm == "behaviour" else 0)
-        return baseline(returns, **run._asdict())
-
-    own = np.random.default_rng(0).normal(-6000.0, 50.0, 200)
-    noise = np.where(np.arange(200) % 2, 1.0, -1.0)
-    lines = [
-        of("siemens-offline/bad-0", "behaviour", own + 2.0),  # the formula alone
-        of("siemens-offline/bad-40", "behaviour", own),
-        of("siemens-offline/bad-40", "bc", own + 1.0 + noise),  # far less than the deviation of the returns
-        of("siemens-offline/bad-40", "td3+bc", own + noise),
-        of("siemens-offline/bad-40", "iql", own - 1.0 + noise),
-        of("siemens-offline/bad-40", "cql", None),
-        of("siemens-offline/bad-40", "bcq", own + 3.0 + noise),
-        of("d4rl-like/random", "behaviour", own),
-        of("d4rl-like/random", "bcq", own - 1.0),
-    ]
-    assert page.algorithms(lines).splitlines()[2:] == [
-        "| BC | 1 | 1 | 1 / 0 / 0 | 0 / 0 / 1 | – | – |",
-        "| TD3+BC | 1 | 1 | 0 / 1 / 0 | 0 / 0 / 1 | – | – |",
-        "| IQL | 1 | 1 | 0 / 0 / 1 | 0 / 0 / 1 | – | – |",
-        "| CQL | 1 | 1 | 0 / 0 / 1 | 0 / 0 / 1 | – | – |",
-        "| BCQ | 2 | 1 | 1 / 0 / 1 | 1 / 0 / 0 | – | – |",
-    ]
 
 
 def test_shipped_lines_are_those_of_the_plan_in_its_order(baselines):

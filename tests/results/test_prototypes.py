@@ -9,18 +9,11 @@ import numpy as np
 import pytest
 from helpers import ROOT, script
 
-import ibdata
 from ibdata.evaluation.baselines import NOTHING, PROTOTYPES, measured, shipped_baselines
-from training import formulas, setpoint_map
+from training import formulas
 from training import prototypes_page as page
-from training.plan import (
-    SOURCES,
-    Run,
-    plan,
-    stages,
-)
+from training.plan import Run, plan
 from training.protocol import EVALUATIONS, LITERATURE
-from training.results import Results
 
 LINES = shipped_baselines([PROTOTYPES])
 PAGE = (ROOT / "docs/prototypes.md").read_text(encoding="utf-8")
@@ -64,34 +57,6 @@ def test_the_formulas_have_their_returns_in_fewer_episodes():
     assert published["21"] > published["29"] > published["27"]
 
 
-def test_the_formula_of_complexity_21_is_the_policy_optimized():
-    def complexity_21(z):
-        last = -3.48 * z(formulas.H, 3) - z(formulas.H, 4) + 2 * z(formulas.P, 0) + 0.81
-        return -z(formulas.V, 5) - 0.91, 2 * z(formulas.F, 3) - z(formulas.P, 0) + 1.43, last
-
-    policies = {"formula": formulas.Formula(complexity_21)}
-    found = ibdata.evaluate(policies, [10, 70], history=formulas.FRAMES, episodes=5)
-    np.testing.assert_allclose(
-        found.returns[0], ibdata.evaluate("optimized", [10, 70], episodes=5).returns[0]
-    )
-
-
-def test_distances_of_setpoints_are_found_again(monkeypatch):
-    """From one source, with 100 states; their means differ by at most a tenth."""
-    monkeypatch.setattr(setpoint_map, "SOURCES", (70,))
-    again = setpoint_map.distances(states=100)["consumption"][0]
-    stored = MEASURED["distances"]["consumption"][SOURCES.index(70)]
-    assert again[3] == stored[3] == 0.0  # at 70 itself
-    np.testing.assert_allclose(again, stored, rtol=0.25)
-
-
-def test_parts_of_a_set_are_named_by_what_is_learned():
-    assert stages("100 at 50, then 2 at 75") == ["100 at 50", "2 at 75"]
-    assert Run("transfer", "100 at 50 + 2 at 75", "bc", 0).targets() == [75.0]
-    assert 75.0 in Run("transfer", "100 at 50", "bc", 0).targets()
-    assert 60.0 not in Run("transfer", "100 at 60", "bc", 0).targets()
-
-
 def test_every_number_of_the_text_is_in_a_table_of_the_page():
     tables = "\n".join(line for line in PAGE.splitlines() if line.startswith("|"))
     text = " ".join(line for line in PAGE.splitlines() if not line.startswith("|"))
@@ -99,11 +64,3 @@ def test_every_number_of_the_text_is_in_a_table_of_the_page():
         numbers = re.findall(form, text)
         assert numbers
         assert set(numbers) <= set(re.findall(form, tables))
-
-
-def test_results_are_asked_by_what_was_learned_from():
-    results = Results(LINES)
-    known = results.known("random", "random", EVALUATIONS["random"][0])
-    assert known.shape == (10, 100)
-    assert np.array_equal(known, results.known("random", "behaviour", EVALUATIONS["random"][0]))
-    assert results.returns("random", "0 episodes each", "bc", EVALUATIONS["random"][0]) == []

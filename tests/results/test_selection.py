@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import re
@@ -48,42 +47,6 @@ def line(one: Checkpoint, value: float = -6000.0, **estimates: float | None) -> 
 )
 def test_the_rank_correlation_is_spearmans(estimates, expected):
     assert selection.rank_correlation(FOUR, np.array(estimates)) == pytest.approx(expected, nan_ok=True)
-
-
-def test_the_regret_is_what_the_best_chosen_policy_lacks():
-    estimates = np.array([4.0, 1.0, 2.0, 3.0])  # chooses -5, then -4, -2, -1
-    assert [selection.regret(FOUR, estimates, k) for k in (1, 2, 3, 4)] == [4.0, 3.0, 1.0, 0.0]
-    assert selection.regret(FOUR, np.zeros(4), 1) == 4.0  # the first
-
-
-def test_the_regret_of_chance_is_the_mean_over_all_choices():
-    for k in (1, 2, 3, 4):
-        choices = [FOUR.max() - max(chosen) for chosen in itertools.combinations(FOUR, k)]
-        assert selection.chance_regret(FOUR, k) == pytest.approx(np.mean(choices))
-
-
-def test_an_interval_is_that_of_resampled_policies():
-    draws = np.random.default_rng(3)
-    values = draws.normal(size=20)
-    estimates = values + draws.normal(size=20)
-    found = selection.measured(values, estimates, selection.absolute_error)
-    assert found.value == selection.absolute_error(values, estimates)
-    errors = np.abs(estimates - values)
-    half = 1.96 * errors.std() / math.sqrt(20)
-    assert (found.low, found.high) == pytest.approx((errors.mean() - half, errors.mean() + half), abs=0.1)
-    sure = selection.measured(values, values - 3.0, selection.absolute_error)
-    assert sure == pytest.approx((3.0, 3.0, 3.0))
-    assert all(map(math.isnan, selection.measured(values, np.zeros(20), selection.rank_correlation)))
-
-
-def test_an_estimator_that_lacks_one_policy_has_no_measures():
-    one = [one for one in plan() if one.set == selection.SETS[0]]
-    lines = [line(each, -6000.0 - 10.0 * i) for i, each in enumerate(one)]
-    lines[3] = line(one[3], weighted=None)
-    assert selection.estimates_of(lines, "weighted") is None
-    rows = {row.split(" | ")[0]: row for row in selection.measures(lines).splitlines()}
-    assert rows["| weighted IS"] == "| weighted IS | – | – | – | – |"
-    assert rows["| FQE"].startswith("| FQE | 0.0 [0.0, 0.0] | 1.00 [1.00, 1.00] | 0.0 ")
 
 
 def test_the_shipped_results_are_those_of_the_plan_in_its_order():

@@ -9,7 +9,7 @@ import pytest
 
 from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
-from ibdata.experiment.rollout import log_densities, rollout
+from ibdata.experiment.rollout import rollout
 from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies import Decision, Distribution, Needs, Policy
 
@@ -145,20 +145,6 @@ def test_actions_before_the_first_one_are_those_of_the_burn_in(monkeypatch):
     assert (moved[:, 2] == 0.0).all()
     assert (first.memory == 0.0).all()
     assert (first.step == 0).all()
-
-
-@pytest.mark.parametrize("start", ["default", {"burn_in": [0, 3]}])
-def test_densities_are_replayed_as_they_were_played(monkeypatch, start):
-    monkeypatch.setattr("ibdata.simulation.replay.BLOCK", 4)
-    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 4)
-    experiment = described(Recalling(), start=start)
-    made = played(experiment, 1, 7)
-    observations, actions = (
-        np.stack([made[name] for name in made if name.startswith(prefix)], axis=2).astype(np.float32)
-        for prefix in ("obs_", "act_")
-    )
-    found = log_densities(experiment, 1, 7, observations, actions)
-    assert found.tobytes() == made["action_log_prob"].tobytes()
 
 
 @pytest.mark.parametrize(

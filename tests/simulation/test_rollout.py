@@ -181,13 +181,6 @@ def usual():
     return played(WIDE)
 
 
-@pytest.mark.parametrize(("lanes", "chunk"), [(1, 7), (5, 29)])
-def test_blocks_and_chunks_change_nothing(monkeypatch, usual, lanes, chunk):
-    monkeypatch.setattr("ibdata.experiment.rollout.LANES", lanes)
-    monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", chunk)
-    assert_same(played(WIDE), usual)
-
-
 @pytest.mark.parametrize(
     ("changes", "episodes"),
     [
@@ -207,12 +200,3 @@ def test_an_episode_does_not_depend_on_the_rest(usual, changes, episodes):
     for name, x in usual.items():
         same = x[list(episodes), : found[name].shape[1]].astype(found[name].dtype)
         assert same.tobytes() == found[name].tobytes(), name
-
-
-def test_seeds_cells_and_episodes_share_no_noise():
-    def rewards(seed):
-        return {bytes(row) for row in played(described(seed=seed))["reward"]}
-
-    made = [rewards(seed) for seed in (0, 1, 2**64 - 1)]
-    assert [len(x) for x in made] == [12, 12, 12]
-    assert len(set().union(*made)) == 36

@@ -8,8 +8,6 @@ import pytest
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.rollout import rollout
-from ibdata.policies import OBSERVATION as OBSERVED
-from ibdata.variables import VARIABLES, of_role
 
 OBSERVATION = ["setpoint", "velocity", "gain", "shift", "fatigue", "consumption"]
 HIDDEN = [*(f"theta_{lag}" for lag in range(1, 10)), "domain", "response", "direction", "mu_v", "mu_g"]
@@ -57,22 +55,6 @@ def test_names_roles_and_types_follow_the_output(latent, drifting):
     ]
     made = columns(described(latent, drifting, dtype))
     assert [(column.name, column.role, column.dtype) for column in made] == expected
-
-
-def test_every_column_is_described_with_its_unit_and_its_moment():
-    assert tuple(VARIABLES)[: len(OBSERVED)] == of_role("observation") == OBSERVED
-    by_name = {column.name: column for column in columns(described("next", True))}
-    for name, column in by_name.items():
-        assert len(column.description) > 8
-        assert column.unit in ("1", "cost", "1/step", "steps")
-        assert column.low is None or column.high is None or column.low < column.high
-        if name.startswith("next_"):
-            now = by_name[name.removeprefix("next_")]
-            assert now.description.replace(", at t", ", at t + 1") == column.description
-            assert now.variable == column.variable == name.removeprefix("next_").partition("_")[2]
-            assert (now.later, column.later) == (False, True)
-    assert by_name["reward"].later
-    assert by_name["latent_theta_9"].description.endswith(", 9 steps ago, at t")
 
 
 @pytest.mark.parametrize(("dynamics", "drifting"), [("siemens", True), ("paper", False)])

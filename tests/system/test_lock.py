@@ -16,11 +16,9 @@ from helpers.folders import contents
 
 import ibdata
 from ibdata.errors import BusyError, IbdataError
-from ibdata.generation import record
 from ibdata.maintenance.card import card
 from ibdata.system import part as parts
-from ibdata.system.lock import locked
-from ibdata.system.part import locked_part, refusals
+from ibdata.system.part import locked_part
 
 OTHER = TINY.model_copy(update={"seed": 1})
 WRITERS = {
@@ -101,29 +99,3 @@ def test_of_several_threads_one_at_a_time_has_the_lock():
         list(threads.map(run, range(4)))
     assert together == [1] * 80
     assert not Path(".new.part").exists()
-
-
-def test_a_host_does_not_hold_the_lock_while_it_compiles(monkeypatch):
-    """While the first host of an array job loads and compiles, another one can begin."""
-    waiting, real = [lambda: ibdata.generate(TINY, "new", shards="2/2", workers=1)], record.warm_up
-
-    def slow(experiment):
-        if waiting:
-            waiting.pop()()
-        real(experiment)
-
-    monkeypatch.setattr(record, "warm_up", slow)
-    assert ibdata.generate(TINY, "new", shards="1/2", workers=1).missing == 0
-
-
-def test_a_limit_of_threads_is_a_refusal_of_the_system():
-    with pytest.raises(IbdataError, match="out: the system starts no more threads"), refusals(Path("out")):
-        raise RuntimeError("can't start new thread")
-    with pytest.raises(RuntimeError, match="else"), refusals(Path("out")):
-        raise RuntimeError("something else")
-
-
-def test_a_link_to_nothing_in_the_place_of_the_lock_s_folder_is_an_error(tmp_path):
-    (tmp_path / "link").symlink_to("nothing")
-    with pytest.raises(FileNotFoundError), locked(tmp_path / "link/lock"):
-        pass

@@ -10,7 +10,6 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents
 
 import ibdata
-from ibdata.cli import main
 from ibdata.errors import DatasetError
 from ibdata.experiment.template import write_template
 from ibdata.maintenance.listing import datasets_in
@@ -19,14 +18,7 @@ from ibdata.report import card
 READS = {
     "rows": lambda ds: len(ds.table()),
     "splits": lambda ds: ds.splits,
-    "statistics": lambda ds: ds.statistics(),
-    "episodes": lambda ds: len(ds.episodes),
-    "arrays": lambda ds: ds.arrays()["rewards"].sum(),
-    "windows": lambda ds: len(ds.windows()),
     "pickle": lambda ds: len(pickle.loads(pickle.dumps(ds)).table()),
-    "validate": lambda ds: ibdata.validate(ds),
-    "repair": lambda ds: ibdata.repair(ds),
-    "path": lambda ds: sorted(os.listdir(ds.path)),
     "split": lambda ds: ibdata.split(ds, "episode", fractions=(0.5, 0.5)).place,
 }
 
@@ -51,16 +43,8 @@ def test_a_dataset_stays_where_it_was_opened(home, monkeypatch, read):
     assert dataset.place == "d"
 
 
-def test_errors_name_a_place_as_it_was_given(home):
-    dataset = ibdata.open("~/d")
-    (home / "d/meta/statistics.json").unlink()
-    with pytest.raises(DatasetError, match=r"^~/d/meta/statistics.json: missing; run ibdata repair ~/d$"):
-        dataset.statistics()
-
-
 WRITES = {  # and a file that each makes in the user's folder
     "generate": (lambda out: ibdata.generate(TINY, out, workers=1), "x/README.md"),
-    "overwrite": (lambda out: ibdata.generate(TINY, out, workers=1, overwrite=True), "x/README.md"),
     "shards": (
         lambda out: (ibdata.generate(TINY, out, workers=1, shards="1/1"), ibdata.finalize(out)),
         "x/README.md",
@@ -69,20 +53,15 @@ WRITES = {  # and a file that each makes in the user's folder
         lambda out: ibdata.merge(["~/d", ibdata.generate(TINY, "~/e", seed=7, workers=1)], out),
         "x/README.md",
     ),
-    "materialize": (
-        lambda out: ibdata.split("~/d", "setpoint", scheme="leave-one-out", materialize=out),
-        "x/README.md",
-    ),
     "export": (lambda out: ibdata.export("~/d", "npz", out), "x"),
     "windows": (lambda out: ibdata.open("~/d").windows(folder=out), "x/windows.json"),
     "init": (write_template, "x"),
 }
 
 
-@pytest.mark.parametrize("kind", [str, Path])
 @pytest.mark.parametrize(("write", "file"), WRITES.values(), ids=WRITES)
-def test_a_tilde_is_the_user_s_folder(home, write, file, kind):
-    write(kind("~/x"))
+def test_a_tilde_is_the_user_s_folder(home, write, file):
+    write(Path("~/x"))
     assert (home / file).is_file()
     assert os.listdir() == []
 
@@ -102,21 +81,6 @@ READERS = {
 def test_a_tilde_is_read_too(read):
     read()
     assert os.listdir() == []
-
-
-def test_a_shell_leaves_a_tilde_after_an_equals_sign(home, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["generate", "~/d/meta/experiment.yaml", "--out=~/y", "--quiet"])
-    assert ended.value.code == 0
-    assert "~/y" in capsys.readouterr().out
-    assert (home / "y/README.md").is_file()
-
-
-def test_an_experiment_stays_beside_its_file(home, monkeypatch):
-    """So that its policies' files are found after a change of the current folder."""
-    monkeypatch.chdir(home)
-    experiment = ibdata.load("d/meta/experiment.yaml")
-    assert experiment.folder == home / "d/meta"
 
 
 @pytest.fixture
@@ -169,14 +133,3 @@ def test_no_other_place_is_looked_for_in_data(project, use, place):
 def test_a_writer_does_not_look_in_data(project, write):
     for name in ("mine", Path("mine")):
         assert refused(write, name) == f"mine: {NOWHERE}; did you mean 'data/mine'?"
-
-
-def test_a_dataset_that_was_opened_is_written_to(project):
-    assert ibdata.split(ibdata.open("mine"), "episode", fractions=(0.5, 0.5)).place == "data/mine"
-
-
-@pytest.mark.parametrize("words", [["validate"], ["reproduce", "--episodes", "1"]])
-def test_a_check_names_the_dataset_that_it_read(project, capsys, words):
-    with pytest.raises(SystemExit):
-        main([*words, "mine"])
-    assert capsys.readouterr().out.startswith("data/mine: ")

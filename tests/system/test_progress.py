@@ -7,7 +7,6 @@ import pytest
 import ibdata
 from ibdata import Experiment
 from ibdata.cli import cli
-from ibdata.plots import plot
 
 slow = pytest.mark.slow
 
@@ -53,24 +52,6 @@ def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch
     [bar] = bars
     assert bar.total == sum(bar.moves) == 600 * steps
     assert sorted(n for n in bar.moves if n) == [44 * steps, 44 * steps, 256 * steps, 256 * steps]
-
-
-CALLS = {
-    "evaluate": lambda folder, out, **options: ibdata.evaluate("safe", episodes=300, steps=70, **options),
-    "validate": lambda folder, out, **options: ibdata.validate(folder, **options),
-    "export": lambda folder, out, **options: ibdata.export(folder, to="csv", out=out / "x.csv", **options),
-    "plot": lambda folder, out, **options: plot(folder, out, **options),
-}
-calls = [pytest.param(call, id=name, marks=[slow] if name == "plot" else []) for name, call in CALLS.items()]
-
-
-@pytest.mark.parametrize("call", calls)
-def test_a_bar_is_shown_in_python_when_asked_for(bars, dataset, tmp_path, call):
-    call(dataset.path, tmp_path / "one")
-    assert bars == []
-    call(dataset.path, tmp_path / "two", progress=True)
-    assert all(bar.total == sum(bar.moves) > 0 for bar in bars)
-    assert len(bars[-1].moves) > 1
 
 
 COMMANDS = {

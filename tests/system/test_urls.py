@@ -3,11 +3,9 @@
 scripts/bridges tests S3 and the file systems of fsspec.
 """
 
-import pickle
 import shutil
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -50,13 +48,6 @@ def test_a_reading_command_says_the_same_of_a_url(url, command):
     assert said(command, url).replace(url, "there") == said(command, "there")
 
 
-def test_a_dataset_at_a_url_can_be_pickled(url):
-    """As for the workers of a data loader."""
-    dataset = pickle.loads(pickle.dumps(four_shards_at(url)))
-    assert dataset.place == url
-    assert dataset.table().equals(ibdata.open("there").table())
-
-
 def test_damage_is_found_and_named(url, shard_file):
     four_shards_at(url)
     shard = shard_file("there", 1)
@@ -68,23 +59,6 @@ def test_damage_is_found_and_named(url, shard_file):
     assert found == {(shard, "hash"), (strange, "file"), (lost, "file")}
     with pytest.raises(DatasetError, match=f"^{url}/{lost}: missing$"):  # `repair` takes no URL
         ibdata.open(url).statistics()
-
-
-READS = {
-    "data/*.parquet": lambda dataset: dataset.table(),
-    "meta/episodes.parquet": lambda dataset: dataset.episodes,
-    "meta/dataset.json": lambda dataset: dataset.info,
-    "meta/manifest.json": lambda dataset: dataset,
-}
-
-
-def test_errors_name_the_file_at_the_url(url):
-    four_shards_at(url)
-    for path, read in READS.items():
-        file = next(Path("there").glob(path))
-        file.write_bytes(b"{")
-        with pytest.raises(DatasetError, match=f"^{url}/{file.relative_to('there')}: "):
-            read(ibdata.open(url))
 
 
 # --- credentials
@@ -219,10 +193,3 @@ def test_an_error_of_a_plug_in_is_one_line(url, monkeypatch, method, call):
     with pytest.raises(IbdataError, match=r"^file://.*: .*the plug-in failed(;|$)") as error:
         call(url)
     assert "\n" not in str(error.value)
-
-
-def test_a_plug_in_that_cannot_be_begun_is_one_line(monkeypatch):
-    failing = SimpleNamespace(core=SimpleNamespace(url_to_fs=Broken(None, "")._raise))
-    monkeypatch.setitem(sys.modules, "fsspec", failing)
-    with pytest.raises(UsageError, match=r"^odd://x/y: the plug-in failed$"):
-        ibdata.open("odd://x/y")

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import threading
 
 import numpy as np
 import pyarrow as pa
@@ -90,11 +89,6 @@ def test_rows_that_keep_every_rule_but_are_others_are_named(copied, shard, chang
     """Nothing is said of a hidden value at the first step, but that it is the one that was listed."""
     change(shard, "latent_mu_v", 0, 0.25)
     assert rules(copied) >= {(shard, None, "digest"), ("meta/episodes.parquet", None, "metadata")}
-
-
-def test_a_return_that_is_not_that_of_the_rows_is_named(copied, change):
-    change("meta/episodes.parquet", "return", 2, 0.5)
-    assert rules(copied) == {("meta/episodes.parquet", None, "metadata")}
 
 
 def test_a_table_of_an_earlier_version_has_setpoints_in_float64(tmp_path):
@@ -191,19 +185,6 @@ def test_a_dataset_that_is_replaced_meanwhile_is_busy(copied, monkeypatch):
     with pytest.raises(BusyError, match="replaced while it was read; open it again") as error:
         validate(copied)
     assert error.value.exit_code == 75
-
-
-def test_files_are_hashed_by_as_many_threads_as_the_process_has_processors(copied, monkeypatch):
-    monkeypatch.setattr("ibdata.system.processes.os.sched_getaffinity", lambda process: {5}, raising=False)
-    names, entry = set(), Storage.entry
-
-    def noted(*arguments):
-        names.add(threading.current_thread().name)
-        return entry(*arguments)
-
-    monkeypatch.setattr(Storage, "entry", noted)
-    assert validate(copied, quick=True) == []
-    assert len(names) == 1
 
 
 NOISE = {"kind": "ornstein_uhlenbeck", "base": {"kind": "optimized"}}

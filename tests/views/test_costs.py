@@ -5,7 +5,6 @@ import pytest
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.views.options import view_of
 from ibdata.views.rewards import cost_of
 
 FATIGUE, RUNAWAY = {"cost": {"fatigue": 40}}, {"cost": "runaway"}
@@ -45,26 +44,6 @@ def test_all_ways_to_read_have_the_costs_of_the_next_states(ds, view, tmp_path):
     assert dict(zip(header.replace('"', "").split(","), first.split(","), strict=True))["cost"] in "01"
 
 
-def test_a_view_without_a_cost_has_none(ds):
-    assert "costs" not in ds.arrays()
-    assert "costs" not in ds.windows().batch([0])
-    assert "cost" not in ds.table(view={"actions": True}).column_names
-    assert view_of({"cost": None}) == view_of(None)
-
-
-def test_the_cost_of_a_hidden_variable_leaves_out_rows_whose_next_state_is_not_stored(
-    describe, made_at, tmp_path
-):
-    made = made_at(describe(policies=["random"], splits={}), tmp_path / "made")
-    assert len(made.arrays(view=RUNAWAY)["costs"]) == len(made) - len(made.episodes)
-    assert len(made.arrays(view=FATIGUE)["costs"]) == len(made)
-    without = made_at(
-        describe(policies=["random"], splits={}, output={"latent": False}), tmp_path / "without"
-    )
-    with pytest.raises(UsageError, match="cost: found latent_mu_v, expected columns of the dataset"):
-        without.arrays(view=RUNAWAY)
-
-
 def test_formats_without_a_place_for_costs_refuse_them(ds, tmp_path):
     with pytest.raises(UsageError, match="cost: found one, but the format neorl has no place for costs"):
         ibdata.export(ds, "neorl", tmp_path / "x.npz", view=FATIGUE)
@@ -79,20 +58,6 @@ def test_an_evaluation_counts_steps_that_cost_and_episodes_over_the_budget():
     assert result.mean_return == ibdata.evaluate("random", steps=8, episodes=5).results[0].mean_return
     assert "mean_cost" in repr(ibdata.evaluate("random", steps=8, episodes=5, view=view))
     assert "mean_cost" not in repr(ibdata.evaluate("random", steps=8, episodes=5))
-
-
-@pytest.mark.parametrize("view", [{"cost": {"fatigue": 60, "budget": 25}}, RUNAWAY])
-def test_an_evaluation_has_the_costs_of_data_of_the_same_policy(describe, made_at, tmp_path, view):
-    """400 episodes each; a difference of 5 standard errors happens once in a million."""
-    options = {"policies": ["random"], "setpoints": 70.0, "steps": 150, "episodes": 400, "splits": {}}
-    made = made_at(describe(**options, output={"latent": "next"}), tmp_path / "made")
-    costs = made.arrays(view=view)["costs"].reshape(400, 150).sum(axis=1)
-    [result] = ibdata.evaluate("random", steps=150, episodes=400, view=view).results
-    assert abs(result.mean_cost - costs.mean()) < 5 * costs.std() * np.sqrt(2 / 400)
-    assert result.cost_error == pytest.approx(costs.std() / 20, rel=0.2)
-    over = (costs > view_of(view).cost.budget).mean()
-    assert 0.05 < over < 0.999
-    assert abs(result.violations - over) < 5 * np.sqrt(2 * over * (1 - over) / 400) + 0.02
 
 
 @pytest.mark.parametrize(
@@ -112,13 +77,3 @@ def test_an_evaluation_has_the_costs_of_data_of_the_same_policy(describe, made_a
 def test_a_wrong_cost_is_one_line(cost, message):
     with pytest.raises(UsageError, match=message):
         cost_of(cost)
-
-
-def test_a_cost_is_plain_data_that_gives_it_again():
-    for cost in ({"fatigue": 60.0, "budget": 25.0}, {"runaway": True, "budget": 3.0}):
-        assert cost_of(cost).plain() == cost
-    assert cost_of({"fatigue": np.int64(60), "budget": np.float32(25)}).plain() == {
-        "fatigue": 60.0,
-        "budget": 25.0,
-    }
-    assert cost_of("runaway").plain() == {"runaway": True, "budget": 0.0}

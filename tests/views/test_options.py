@@ -6,18 +6,8 @@ import numpy as np
 import pytest
 
 from ibdata.errors import UsageError
-from ibdata.simulation.episodes import hidden
-from ibdata.variables import of_role
-from ibdata.views.options import OBSERVED, bounds_of, view_options
+from ibdata.views.options import bounds_of, view_options
 from ibdata.views.rewards import reward_of
-
-
-@pytest.mark.parametrize(("drifting", "size"), [(False, 20), (True, 22)])
-def test_markov_is_observation_and_hidden_state(drifting, size):
-    columns = view_options("markov").columns(drifting)
-    assert columns[:6] == OBSERVED == tuple(f"obs_{name}" for name in of_role("observation"))
-    assert columns[6:] == tuple(f"latent_{name}" for name in hidden(drifting))
-    assert len(columns) == size
 
 
 def test_a_frame_has_columns_then_flags_then_the_actions_before():
@@ -50,10 +40,7 @@ def test_bounds_are_those_of_exact_columns():
         ({"reward": {"fatigue": float("nan")}}, "reward: fatigue: found nan, expected a finite number"),
         ({"imperfections": {"dealy": {}}}, "imperfections: dealy: no such option; did you mean 'delay'"),
         ({"imperfections": {"delay": 3}}, "imperfections: delay: found 3, expected a mapping"),
-        (
-            {"imperfections": {"delay": {"obs_gain": 1.5}}},
-            "obs_gain: found 1.5, expected a whole number",
-        ),
+        ({"imperfections": {"delay": {"obs_gain": 1.5}}}, "obs_gain: found 1.5, expected a whole number"),
         ({"imperfections": {"noise": {"obs_gain": -1}}}, "found -1, expected a standard deviation above 0"),
         ({"imperfections": {"missing": {"obs_gain": 2}}}, "found 2, expected a probability"),
         ({"imperfections": {"mask": 1}}, "imperfections: mask: found 1, expected True or False"),
@@ -80,12 +67,6 @@ def test_weights_are_computed_in_float64_and_rounded_once(scale):
     exact = [-(0.7 * float(c) + 2.2 * float(f)) * scale for c, f in zip(*AFTER, strict=True)]
     assert found.tolist() == np.array(exact).astype(np.float32).tolist()
     assert found.dtype == np.float32
-
-
-def test_delta_is_the_difference_of_two_classic_rewards():
-    weights = reward_of({"consumption": 1, "fatigue": 3})
-    difference = weights.cost(*BEFORE) - weights.cost(*AFTER)
-    assert reward_of("delta").of(BEFORE, AFTER, 1.0).tolist() == difference.astype(np.float32).tolist()
 
 
 def test_rewards_that_become_infinite_are_refused():

@@ -1,6 +1,5 @@
 """The card says under which licence a dataset is, how well its behaviour does, and how to cite it."""
 
-import re
 from pathlib import Path
 
 import pytest
@@ -9,9 +8,7 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.report import card as write_card
-from ibdata.writing.card import PAPER, facts, front_matter
+from ibdata.writing.card import PAPER, front_matter
 
 SMALL = {"name": "small", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 3}
 
@@ -39,14 +36,6 @@ def test_the_licence_is_in_the_table_and_in_the_front_matter(small, tmp_path):
     assert (matter["license"], matter["license_name"]) == ("other", "LicenseRef-mine")
     assert "| licence | `LicenseRef-mine` |" in text_of(mine)
     assert mine.content_root == small.content_root
-
-
-def test_a_merged_dataset_is_under_the_licences_of_all(small, tmp_path):
-    other = ibdata.generate({**SMALL, "licence": "ODbL-1.0", "seed": 1}, tmp_path / "other", workers=1)
-    both = ibdata.merge([small.path, other.path], tmp_path / "both")
-    assert matter_of(both)["license"] == ["cc-by-4.0", "odbl"]
-    assert "| licence | `CC-BY-4.0`, `ODbL-1.0` |" in text_of(both)
-    assert ibdata.validate(both.path) == []
 
 
 @pytest.mark.parametrize(
@@ -92,21 +81,3 @@ def test_the_card_says_how_to_cite_as_the_documents_do(small):
     assert f"author  = {{{{{citation['authors'][0]['name']}}}}}" in text
     assert f"version = {{{ibdata.__version__}}}" in text
     assert f"{{Dataset small, content root {small.content_root}}}" in text
-
-
-def test_the_card_describes_columns_and_quality(small):
-    text = text_of(small)
-    for column in small.info["columns"]:
-        assert f"| `{column['name']}` | {column['dtype']} | {column['unit']} | " in text
-        assert f" | {column['description']} |" in text
-    assert "| state action coverage |" not in text  # needs all rows, which a run no longer has
-    write_card(small.path)
-    measured = ibdata.quality(small).state_action_coverage
-    shown = re.search(r"\| state action coverage \| ([\d.]+) \|", text_of(small))[1]
-    assert float(shown) == pytest.approx(measured, abs=1e-4)
-
-
-def test_large_numbers_have_separators():
-    plain = {"name": "x", "setpoints": 50, "policies": ["random"], "episodes": 1200, "steps": 1000}
-    told = dict(facts(DatasetSpec.of(ibdata.Experiment.model_validate(plain))))
-    assert (told["episodes"], told["rows"]) == ("1,200 of 1,000 steps", "1,200,000")

@@ -10,9 +10,6 @@ from helpers.folders import seal
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.writing.card import bibtex
-
-SMALL = {"name": "small", "setpoints": 70, "policies": ["random"], "episodes": 2, "steps": 3}
 
 
 def described(dataset):
@@ -64,41 +61,6 @@ def test_the_files_and_the_splits_are_those_of_the_manifest(dataset):
         row["splits/name"]: (row["splits/episodes"], row["splits/rows"]) for row in sets["splits"]["data"]
     }
     assert counts == {name: (split["episodes"], split["rows"]) for name, split in dataset.splits.items()}
-
-
-def test_what_made_it_is_named(dataset):
-    told = described(dataset)
-    (activity,) = told["prov:wasGeneratedBy"]
-    assert activity["prov:used"] == [{"@id": manifest.EXPERIMENT}]
-    assert activity["prov:generated"]["identifier"] == dataset.content_root
-    assert activity["prov:wasAssociatedWith"]["softwareVersion"] == ibdata.__version__
-    assert told["citeAs"] == bibtex("small", dataset.content_root, ibdata.__version__)
-
-
-def test_a_merged_dataset_has_its_licences_experiments_and_files(made_at, tmp_path):
-    licences = ["CC0-1.0", "MIT OR Apache-2.0", "LicenseRef-mine"]
-    sets = [
-        made_at({**SMALL, "seed": seed, "licence": licence}, tmp_path / str(seed))
-        for seed, licence in enumerate(licences)
-    ]
-    merged = ibdata.merge([one.path for one in sets], tmp_path / "merged")
-    told = described(merged)
-    assert told["license"] == ["https://spdx.org/licenses/CC0-1.0", *licences[1:]]
-    used = [used["@id"] for used in told["prov:wasGeneratedBy"][0]["prov:used"]]
-    assert used == [f"meta/experiment-{number:05d}.yaml" for number in range(3)]
-    assert {*used, *(shard["path"] for shard in merged.manifest["shards"])} <= by_id(
-        told["distribution"]
-    ).keys()
-
-
-def test_labels_change_nothing_and_splits_of_files_are_told(made_at, tmp_path):
-    made = made_at(PLAIN, tmp_path / "labelled")
-    before = described(made)
-    labelled = ibdata.split(made.path, by="policy")
-    assert described(labelled) == before
-    assert ibdata.validate(made.path) == []
-    told = described(ibdata.split(made.path, materialize=tmp_path / "files"))
-    assert {"split/source", "split/random", "split/safe"} <= by_id(told["recordSet"]).keys()
 
 
 def test_a_dataset_without_it_is_whole_and_used(earlier, tmp_path):

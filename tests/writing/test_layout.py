@@ -166,26 +166,3 @@ def test_splits_that_share_and_lack_nothing_are_those_of_the_hub(describe, made_
         expected = [{"split": names[name], "path": paths_of(made, name)} for name in splits]
         whole = [{"split": "train", "path": ["data/part-*.parquet"]}]
         assert config == {"config_name": "default", "default": True, "data_files": expected or whole}
-
-
-def test_parquet_columns_are_encoded_as_measured(either):
-    path = next((either.path / "data").iterdir())
-    metadata = pq.ParquetFile(path).metadata
-    types = {column["name"]: column["dtype"] for column in either.info["columns"]}
-    for i in range(metadata.num_columns):
-        column = metadata.row_group(0).column(i)
-        name, encodings = column.path_in_schema, set(column.encodings)
-        assert column.compression == "LZ4"
-        if types[name].startswith("float"):
-            assert "BYTE_STREAM_SPLIT" in encodings, name
-        if types[name].startswith("int"):
-            assert "DELTA_BINARY_PACKED" in encodings, name
-        assert column.has_dictionary_page == (types[name] == "string"), name
-        assert not types[name].startswith(("float", "int")) or not encodings & {"RLE_DICTIONARY", "PLAIN"}
-
-
-def test_row_groups_have_at_most_a_hundred_thousand_rows(large):
-    (path,) = (large.path / "data").iterdir()
-    metadata = pq.ParquetFile(path).metadata
-    counts = [metadata.row_group(i).num_rows for i in range(metadata.num_row_groups)]
-    assert counts == [100_000, 20_000]

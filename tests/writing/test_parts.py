@@ -1,16 +1,12 @@
 """A shard is made, and read again, in the parts in which it is simulated, however large its file is."""
 
-import threading
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from helpers.folders import contents
 
 import ibdata
 from ibdata.dataset import statistics
-from ibdata.errors import IbdataError
-from ibdata.experiment.rollout import Columns, parts, rollout
+from ibdata.experiment.rollout import Columns, rollout
 from ibdata.validation import checks
 from ibdata.writing import columns, shard
 
@@ -33,13 +29,6 @@ def small_parts(monkeypatch):
     return shrink
 
 
-def test_parts_are_whole_blocks_or_some_lanes(experiment, small_parts):
-    small_parts()
-    assert [*parts(experiment, 5, 30)] == [(5, 13), (13, 21), (21, 29), (29, 30)]
-    longer = experiment.model_copy(update={"steps": 10**6})
-    assert [*parts(longer, 0, 100)] == [(0, 64), (64, 100)]
-
-
 def test_parts_do_not_change_a_dataset(experiment, small_parts, monkeypatch, tmp_path):
     """Only the row groups of its file; quantiles of a sample are of the same rows."""
     monkeypatch.setattr(statistics, "SAMPLE_ROWS", 90)
@@ -59,19 +48,6 @@ def test_parts_do_not_change_a_dataset(experiment, small_parts, monkeypatch, tmp
     sizes = [groups.row_group(i).num_rows for i in range(groups.num_row_groups)]
     assert sizes == [100, 60, 100, 60, 100, 60, 100, 20]
     assert columns.ROW_GROUP_ROWS == 100_000
-
-
-@pytest.mark.parametrize("place", [(columns.Piece, "arrow_table"), (shard.ShardSummarizer, "add")])
-def test_an_error_in_a_thread_is_raised_and_leaves_nothing(experiment, monkeypatch, tmp_path, place):
-    def fail(*args):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(*place, fail)
-    before = threading.active_count()
-    with pytest.raises(IbdataError, match="No space left"):
-        ibdata.generate(experiment, tmp_path / "made", workers=1)
-    assert contents(tmp_path) == {}
-    assert threading.active_count() == before
 
 
 PART = 400  # rows

@@ -6,7 +6,7 @@ from helpers import tries
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ibdata.dataset.statistics import Moments, described, merged, moments, sums
+from ibdata.dataset.statistics import Moments, described, merged, moments
 
 seeds = st.integers(0, 2**32 - 1)
 sizes = st.integers(1, 400)
@@ -45,28 +45,6 @@ def test_moments_of_any_parts_are_those_of_numpy(seed, cuts, dtype):
     squares = ((exact - exact.mean(axis=1, keepdims=True)) ** 2).sum(axis=1)
     magnitude = table.shape[1] * largest**2
     np.testing.assert_array_less(np.abs(found.squares - squares), 1e-10 * squares + 1e-26 * magnitude)
-
-
-@exact
-@given(
-    value=st.floats(-1e4, 1e4, allow_subnormal=False),
-    cuts=st.lists(sizes, min_size=1, max_size=4),
-    dtype=dtypes,
-)
-def test_a_constant_column_deviates_by_exactly_zero(value, cuts, dtype):
-    found = merged_moments(np.full((1, sum(cuts)), value, dtype=dtype), cuts)
-    assert described(("x",), found, [np.full((1, 3), value)], [3])["x"].std == 0.0
-    assert found.mean[0] == dtype(value)
-
-
-@exact
-@given(seed=seeds, episodes=st.integers(1, 5), length=st.integers(1, 50))
-def test_sums_are_made_from_the_first_value_to_the_last(seed, episodes, length):
-    rewards = drawn(seed, episodes * length)[0]
-    expected = [0.0] * episodes
-    for i, value in enumerate(rewards.tolist()):
-        expected[i // length] += value
-    assert sums(rewards, length).tolist() == expected
 
 
 @pytest.mark.parametrize("at", [0, 5, 9])

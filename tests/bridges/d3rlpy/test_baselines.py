@@ -43,23 +43,6 @@ def test_rows_and_their_moments_are_those_of_d3rlpy(small, rows, tmp_path):
     np.testing.assert_allclose(std, scaler.std, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("algorithm", offline.CONFIGS)
-def test_a_run_does_not_depend_on_those_before_it(rows, algorithm):
-    """Of BCQ and BEAR the policy is asked row by row, so that few observations suffice here."""
-    seen = rows.observations[:3].reshape(3, 30, 6).astype(np.float64)
-    actions = []
-    for _ in range(2):
-        learned, said = offline.train(algorithm, rows, seed=1, steps=3)
-        policy = offline.policy_of(algorithm, learned)
-        draws = np.full((3, 1), 0.3)
-        act = policy.act(seen, draws) if policy is not learned else policy.predict(rows.observations[:3])
-        actions.append(act)
-    assert actions[0].shape == (3, 3)
-    assert np.array_equal(*actions)
-    assert said["training_steps"] == 3
-    assert said["hyperparameters"]["batch_size"] == 256
-
-
 @pytest.fixture
 def baselines(small, monkeypatch):
     found = script("baselines")
@@ -77,17 +60,3 @@ def test_a_result_is_what_evaluate_measures_of_the_policy(small, rows, baselines
         (found.results[0].mean_return, found.results[0].standard_error, found.results[0].p10), rel=1e-4
     )
     assert line.content_root == small.content_root
-
-
-def test_a_policy_that_fails_is_a_result(baselines, monkeypatch):
-    class Broken:
-        def predict(self, x):
-            return np.full((len(x), 3), np.nan)
-
-    train = offline.train
-    monkeypatch.setattr(offline, "train", lambda *given: (Broken(), train(*given, steps=1)[1]))
-    line = baselines.learned(baselines.Run("siemens-offline/optimized-40", WHOLE, "bc", 0), None)
-    [kept] = line.evaluations
-    assert kept.mean_return is kept.values is None
-    assert "expected finite numbers" in kept.failure
-    assert baselines.describe(line).startswith("failed: policy broken")

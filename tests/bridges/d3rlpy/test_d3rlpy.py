@@ -105,11 +105,3 @@ def test_behaviour_cloning_gets_the_return_of_its_teacher(tmp_path):
     optimized, random, clone = (result.mean_return / 100 for result in found)
     assert random < optimized - 10
     assert abs(clone - optimized) < 1
-
-
-@pytest.mark.parametrize("name", ["TD3PlusBC", "IQL", "CQL"])
-def test_offline_algorithms_run(tmp_path, name):
-    learned = fitted(getattr(d3rlpy.algos, f"{name}Config"), tmp_path, "optimized-40", 30)
-    actions = learned.predict(np.zeros((5, 6 * HISTORY), np.float32))
-    assert actions.shape == (5, 3)
-    assert np.isfinite(actions).all()

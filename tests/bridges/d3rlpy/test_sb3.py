@@ -10,16 +10,14 @@ from gymnasium.wrappers import NormalizeObservation, NormalizeReward
 from helpers import ROOT
 from helpers.pages import blocks
 from stable_baselines3 import DQN, PPO, SAC
-from stable_baselines3.common import vec_env
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
 
 import ibdata
 from ibdata.environment.sb3 import IndustrialBenchmarkVecEnv
 from ibdata.errors import UsageError
-from ibdata.policies.libraries import HARMLESS, environment_note
+from ibdata.policies.libraries import environment_note
 from ibdata.views.options import view_of
 
 ID = "ibdata.environment:ibdata/IndustrialBenchmark-v0"
@@ -88,25 +86,6 @@ def test_it_gives_the_bits_of_a_loop_over_environments(given):
     check_alike(a, b, actions_for(a, 2))
 
 
-def test_lanes_have_no_methods_and_attributes_of_their_own():
-    env, _ = both(setpoint=70)
-    assert env.get_attr("render_mode", indices=[0, 2]) == [None, None]
-    for call in (lambda: env.env_method("reset", indices=[1]), lambda: env.set_attr("colour", "red")):
-        with pytest.raises(UsageError, match="but the lanes are one environment; DummyVecEnv over"):
-            call()
-
-
-@pytest.mark.parametrize("kind", [np.int64, np.uint8, np.array])
-def test_a_seed_of_numpy_is_that_of_python(kind):
-    """SB3 adds the lanes' numbers to it; a sum of 8 bits would begin again at 0."""
-    env = IndustrialBenchmarkVecEnv(np.int64(LANES), np.int64(STEPS))
-    assert env.seed(kind(255)) == [255, 256, 257]
-    for wrong in (-1, True, "1"):
-        with pytest.raises(UsageError, match=f"^seed: found {wrong!r}, expected a whole number"):
-            env.seed(wrong)
-    assert len(set(env.seed(None))) == LANES
-
-
 def test_options_replay_episodes_and_hold_for_one_reset(tmp_path):
     experiment = ibdata.Experiment(name="x", setpoints=[20, 70], policies=["random"], episodes=2, steps=9)
     ds = ibdata.generate(experiment, tmp_path / "data", workers=1)
@@ -173,13 +152,6 @@ def test_another_view_is_said(loop):
     assert "another view" in environment_note(model)
     assert environment_note(model, view_of(view)) is None
     env.close()
-
-
-def test_harmless_wrappers_are_classes_of_the_libraries():
-    for name in HARMLESS["gymnasium"]:
-        assert getattr(gymnasium.wrappers, name).__module__.startswith("gymnasium.")
-    known = {"Monitor": Monitor, **vars(vec_env)}
-    assert all(known[name].__name__ == name for name in HARMLESS["stable_baselines3"])
 
 
 def test_a_scaling_that_stayed_behind_is_said(tmp_path):

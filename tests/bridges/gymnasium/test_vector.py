@@ -95,36 +95,6 @@ def test_the_costs_of_an_episode_are_those_of_its_steps(mode):
     assert (starts > 0) == (mode == "NextStep")  # which would have been counted too
 
 
-MADE = {
-    "lanes": {},
-    "sync": {"vectorization_mode": "sync"},
-    "async": {"vectorization_mode": "async"},
-}
-
-
-@pytest.mark.parametrize("given", MADE.values(), ids=MADE)
-@pytest.mark.parametrize(("steps", "length"), [({}, 1000), ({"max_episode_steps": None}, 1000),
-    ({"max_episode_steps": -1}, None), ({"max_episode_steps": 7}, 7)])  # fmt: skip
-def test_the_length_of_episodes_means_what_it_means_in_gymnasium(given, steps, length):
-    env = gymnasium.make_vec(ID, num_envs=2, **given, **steps)
-    env.reset(seed=0)
-    action = np.zeros((2, 3), dtype=np.float32)
-    ended = [env.step(action)[3].tolist() for _ in range(1001)]
-    env.close()
-    assert [t for t, end in enumerate(ended, 1) if any(end)][:1] == ([] if length is None else [length])
-
-
-SEEDS = [np.uint8(254), np.array(254), np.arange(254, 257), (254, np.int64(255), 256), range(254, 257)]
-
-
-@pytest.mark.parametrize("seed", SEEDS, ids=["uint8", "array", "seeds", "tuple", "range"])
-def test_seeds_of_numpy_are_those_of_python(seed):
-    env = gymnasium.make_vec(ID, num_envs=np.int64(LANES))
-    first = [(env.reset(seed=each), env.step(np.zeros((LANES, 3))))[1][0].tolist() for each in (254, seed)]
-    assert first[0] == first[1]
-    env.reset(seed=[None, 2**70, 5])
-
-
 STATE = ibdata.dynamics.initial_state([70.0])
 MASK = r"reset_mask: found .*, expected a boolean array of shape \(3,\) that is true for some lane$"
 LANES_LEFT = "lanes: found .*, expected (one of 0 to 2|whole numbers|different ones)$"

@@ -10,14 +10,7 @@ import pytest
 import torch
 from lerobot.datasets.compute_stats import aggregate_stats, compute_episode_stats
 from lerobot.datasets.lerobot_dataset import LeRobotDataset, LeRobotDatasetMetadata
-from lerobot.datasets.utils import (
-    DEFAULT_FEATURES,
-    dataset_to_policy_features,
-    flatten_dict,
-    get_hf_features_from_features,
-    unflatten_dict,
-)
-from torch.utils.data import DataLoader
+from lerobot.datasets.utils import DEFAULT_FEATURES, flatten_dict, unflatten_dict
 
 import ibdata
 
@@ -58,32 +51,6 @@ def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, history, vi
     assert [item["next.done"].item() for item in items] == ([False] * 39 + [True]) * 12
     assert items[0]["task"] == "Operate the Industrial Benchmark at setpoint 20"
     assert items[479]["task"] == "Operate the Industrial Benchmark at setpoint 70"
-
-
-def test_chosen_episodes_and_their_own_histories(dataset, tmp_path):
-    """LeRobot stacks frames by times, and pads them where an episode begins, as `history` does."""
-    made = ibdata.export(dataset, "lerobot", tmp_path / "made")
-    stacked = opened(made, episodes=[2, 7], delta_timestamps={"observation.state": [0, -1, -2]})
-    arrays = dataset.arrays(history=3)
-    assert len(stacked) == 80
-    for i, row in ((0, 80), (1, 81), (45, 285)):
-        assert stacked[i]["index"] == row
-        assert (
-            stacked[i]["observation.state"].numpy().ravel().tobytes() == arrays["observations"][row].tobytes()
-        )
-    assert stacked[0]["observation.state_is_pad"].tolist() == [False, True, True]
-
-
-def test_policies_see_states_and_actions_only_and_batches_are_made(dataset, tmp_path):
-    found = opened(ibdata.export(dataset, "lerobot", tmp_path / "made", split="target"))
-    features = dataset_to_policy_features(found.features)
-    assert {name: feature.shape for name, feature in features.items()} == {
-        "observation.state": (6,),
-        "action": (3,),
-    }
-    batch = next(iter(DataLoader(found, batch_size=32)))
-    assert batch["observation.state"].shape == batch["next.observation.state"].shape == (32, 6)
-    assert batch["next.reward"].dtype == torch.float32
 
 
 def written_by_lerobot(found, root):
@@ -134,13 +101,6 @@ def test_statistics_of_all_frames_are_lerobots_combination(dataset, tmp_path):
     for name, values in found.items():
         if "/q" not in name:
             np.testing.assert_allclose(values, expected[name], rtol=1e-9, atol=1e-9)
-
-
-def test_the_columns_have_the_types_that_lerobot_expects(dataset, tmp_path):
-    made = ibdata.export(dataset, "lerobot", tmp_path / "made", history=2)
-    expected = get_hf_features_from_features(opened(made).features).arrow_schema
-    found = pq.read_schema(Path(made.path) / "data/chunk-000/file-000.parquet")
-    assert found.remove_metadata().equals(expected.remove_metadata())
 
 
 def test_the_page_of_libraries_opens_an_export(use_with):

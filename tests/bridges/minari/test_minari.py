@@ -130,16 +130,6 @@ def test_other_returns_have_no_normalized_score(root, tmp_path, changes, view):
     assert not {"ref_min_score", "ref_max_score"} & found.storage.metadata.keys()
 
 
-def test_splitting_filtering_and_listing_work(dataset, root):
-    ibdata.export(dataset, "minari", root, id="deep/er/mine-v3")
-    assert not list(root.rglob(".*"))
-    assert list(minari.list_local_datasets()) == ["deep/er/mine-v3"]
-    found = minari.load_dataset("deep/er/mine-v3")
-    assert [part.total_episodes for part in minari.split_dataset(found, sizes=[8, 4], seed=0)] == [8, 4]
-    hot = found.filter_episodes(lambda episode: episode.observations[0, 0] == 70)
-    assert hot.total_episodes == 6
-
-
 @pytest.mark.parametrize(
     ("id", "line"),
     [
@@ -190,18 +180,3 @@ def test_the_environment_of_moving_setpoints_has_a_moving_one(root, tmp_path, vi
     environment.reset(seed=0)
     shown = [environment.step(np.zeros(3, np.float32))[0][0] for _ in range(20)]
     assert len(set(shown)) > 1
-
-
-def test_a_merged_environment_is_that_of_the_exported_part(root, tmp_path):
-    plain = {"setpoints": 70, "episodes": 2, "steps": 5}
-    parts = [
-        ibdata.generate({**plain, "name": "x", "policies": [policy], **more}, tmp_path / policy, workers=1)
-        for policy, more in (("random", {}), ("safe", {"dynamics": "paper"}))
-    ]
-    merged = ibdata.merge(parts, tmp_path / "merged")
-    merged = ibdata.split(merged, by="policy", names={"random": "theirs", "safe": "printed"})
-    assert recovered(merged, root)[1] is None
-    for name, dynamics, episode in (("theirs", "siemens", 0), ("printed", "paper", 2)):
-        found, environment = recovered(merged, root, split=name)
-        assert found.env_spec.kwargs["dynamics"] == dynamics
-        environment.reset(options={"dataset": merged, "episode": episode})
