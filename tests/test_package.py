@@ -25,8 +25,8 @@ LONGEST = 350  # lines; most files have fewer than 200
 AT_THE_ROOT = "__init__ __main__ arguments errors published report testing variables version"
 NAMES = """
 Dataset Experiment IbdataError __version__ baselines estimate evaluate export finalize
-generate importance load make merge noise_floor open quality repair reproduce rollouts save_network score_model
-split state_at true_values validate
+generate importance load make merge noise_floor open quality repair reproduce rollouts save_network
+score_model split state_at true_values validate
 """
 DYNAMICS = "PAPER SIEMENS VARIANTS Noise State Variant initial_state step"
 SCRIPTS = [
