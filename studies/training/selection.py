@@ -221,4 +221,4 @@ def block(lines: Sequence[Line]) -> str:
 
 def write_page(lines: Sequence[Line]) -> None:
     """Write the tables."""
-    write_measured(DOCS / "policy-selection.md", f"\n{block(lines)}\n")
+    write_measured(DOCS / "quality.md", f"\n{block(lines)}\n", "measured, selection")

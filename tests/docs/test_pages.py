@@ -86,8 +86,8 @@ def test_every_policy_that_is_named_exists():
 
 
 def test_every_exit_code_is_explained():
-    found = {int(code) for code in re.findall(r"^\| `\w+` \| (\d+) \|", PAGES["errors.md"], re.M)}
-    table = PAGES["errors.md"].partition("## Exceptions")[0]
+    found = {int(code) for code in re.findall(r"^\| `\w+` \| (\d+) \|", PAGES["cli.md"], re.M)}
+    table = PAGES["cli.md"].partition("## Exceptions")[0]
     explained = {int(n) for codes in re.findall(r"^\| ([\d, ]+) \|", table, re.M) for n in codes.split(",")}
     assert explained == found | {0, 129, 130, 143}
 

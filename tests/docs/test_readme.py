@@ -50,7 +50,7 @@ def test_the_speed_is_the_one_that_was_measured():
 
 def test_the_columns_and_formats_are_those_that_exist():
     assert f"{len(FORMATS)} export\n  formats" in TEXT
-    page = (ROOT / "docs/columns.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/dataset-format.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`.+?) \|", TEXT, flags=re.MULTILINE)
     named = {name for row in rows for name in re.findall(r"`([\w*]+)`", row)}
     assert len(named) == 11
