@@ -1,4 +1,4 @@
-"""What docs/prototypes.md and README.md say of the runs on the paper's prototypes, from these runs.
+"""What docs/prototypes.md, its data and README.md say of the runs on the paper's prototypes, from these runs.
 
 All three seeds of a run are above all three of an equal one by chance once in 20.
 """
@@ -25,6 +25,7 @@ FEW, MIDDLE, MANY = (episodes_each(count) for count in SIZES["random"])
 START, AROUND, LONG = page.COLUMNS
 ALL = [*FOUR, "cql"]
 TRAINED = [(name, *pair) for name in SIZES for pair in page.learned_parts(RESULTS, name)]
+ABOUT = page.ABOUT
 TEXT = " ".join((ROOT / "docs/prototypes.md").read_text(encoding="utf-8").split())
 
 
@@ -124,7 +125,7 @@ def test_published_formulas_have_no_order():
         error = stored[name]["error"] * np.sqrt(formulas.EPISODES)  # of one episode at each setpoint
         apart.append((stored[name]["return"] - 100 * value) / error)
     assert min(apart) > 0.0
-    assert f"by {min(apart):.1f} to {max(apart):.1f} of their errors" in TEXT
+    assert f"by {min(apart):.1f} to {max(apart):.1f} of their errors" in ABOUT["formulas"]
 
 
 def test_where_safe_behaviour_is_improved():
@@ -142,7 +143,7 @@ def test_at_which_setpoints_safe_behaviour_is_improved():
     rows = [line.strip("| ").split(" | ") for line in page.above_behaviour(RESULTS).splitlines()[2:]]
     counts = {(row[0], row[1]): row[4] for row in rows if row[4] != "0"}
     assert counts == {(FEW, "BC"): "6", (FEW, "TD3+BC"): "2"}
-    assert "BC is below π_b at six setpoints and TD3+BC at two" in TEXT
+    assert "BC is below the behaviour at six setpoints and TD3+BC at two" in TEXT
     assert {row[5].split()[-1] for row in rows if row[1] != "BC"} <= {"40", "50", "60"}
     base = RESULTS.known("safe", "behaviour", page.AT_TEN)
     at_100 = [(x - base)[-1].mean() for x in RESULTS.returns("safe", FEW, "bc", page.AT_TEN)]
@@ -209,14 +210,14 @@ def test_no_distance_of_setpoints_predicts_better():
 
     drawn = [gain(draws.integers(len(SOURCES), size=len(SOURCES))) for _ in range(300)]
     low, high = np.quantile(drawn, [0.025, 0.975])
-    assert f"between {-low:.2f} less and {high:.2f} more" in TEXT
+    assert f"between {-low:.2f} less and {high:.2f} more" in ABOUT["map"]
 
 
 def test_the_source_in_the_map():
     few, more = (setpoint_map.errors(RESULTS, way, "consumption") for way in ("target", "fine-tuned"))
-    assert f"In {(more < few).sum()} of {np.isfinite(more).sum()} pairs" in TEXT
+    assert f"In {(more < few).sum()} of {np.isfinite(more).sum()} pairs" in ABOUT["map"]
     sources = np.repeat(np.array(SOURCES, float)[:, None], len(TARGETS), axis=1)
-    assert f"is {setpoint_map.rank_over(sources, setpoint_map.scores(RESULTS)):.2f}," in TEXT
+    assert f"is {setpoint_map.rank_over(sources, setpoint_map.scores(RESULTS)):.2f}," in ABOUT["map"]
 
 
 def test_the_best_runs_at_70():

@@ -100,7 +100,7 @@ def test_the_shipped_results_are_those_of_the_plan_in_its_order():
 
 @pytest.mark.slow
 def test_the_page_holds_the_shipped_results():
-    assert TABLES == f"\n{selection.block(LINES)}\n"
+    assert f"\n{selection.block(LINES)}\n" == TABLES
 
 
 def test_every_number_of_the_reading_stands_in_the_tables():
