@@ -115,3 +115,13 @@ def test_the_page_of_libraries_names_what_exists():
     assert named <= set(EXTRAS)
     for key, column in SCHEMA.items():
         assert f'    "{key}": "{column}",\n' in USE_WITH
+
+
+def test_the_documentation_stays_short():
+    """In words as `wc -w` counts them, of which the guide is what a user reads in order."""
+    [guide] = (part["Guide"] for part in YAML(typ="safe").load(ROOT / "mkdocs.yml")["nav"] if "Guide" in part)
+    read = {page for entry in guide for page in entry.values()}
+    words = {name: len(text.split()) for name, text in PAGES.items()}
+    assert len(list(DOCS.glob("*.md")) + list(DOCS.glob("*.ipynb"))) <= 28
+    assert sum(words.values()) <= 24_000
+    assert sum(words[name] for name in read & set(words)) <= 7_000
