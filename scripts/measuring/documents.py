@@ -33,19 +33,20 @@ def write_measured(path: Path, block: str, kind: str = "measured") -> None:
 
 
 def write_sets(
+    study: str,
     page: str,
     names: Iterable[str],
     measure: Callable[[str, Path], Any],
     table_of: Callable[[dict[str, Any]], str],
 ) -> None:
-    """Measure shipped sets, each in a temporary folder; write docs/PAGE.json and the table of the page."""
+    """Measure shipped sets, each in a temporary folder; write docs/STUDY.json and its table in the page."""
     sets = {}
     for name in names:
         with TemporaryDirectory() as folder:
             sets[name] = measure(name, Path(folder, "made"))
         print(name, sets[name], file=sys.stderr, flush=True)
-    (DOCS / f"{page}.json").write_text(json.dumps(sets, indent=1) + "\n", encoding="utf-8")
-    write_measured(DOCS / f"{page}.md", f"\n{table_of(sets)}\n")
+    (DOCS / f"{study}.json").write_text(json.dumps(sets, indent=1) + "\n", encoding="utf-8")
+    write_measured(DOCS / f"{page}.md", f"\n{table_of(sets)}\n", f"measured, {study}")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

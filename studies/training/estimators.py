@@ -1,4 +1,4 @@
-"""Target policies of docs/policy-selection.md and estimators of their values.
+"""Target policies of docs/quality.md and estimators of their values.
 
 A target is a network with noise, which gives it densities; the networks are checkpoints of the baselines'
 training. Their values are estimated by importance sampling, fitted Q evaluation and a learned model.
@@ -196,7 +196,7 @@ def by_fqe(rows: Rows, target: Target, fits: int = FITS) -> float:
 
 
 def fitted_model(rows: Rows) -> Model:
-    """A network that predicts fatigue and consumption, as in docs/world-models.md, fitted to a whole set.
+    """A network that predicts fatigue and consumption, as in docs/quality.md, fitted to a whole set.
 
     Predictions are clipped to what occurs in the set, so that a rollout cannot diverge.
     """

@@ -1,4 +1,4 @@
-"""The network that predicts fatigue and consumption, of docs/world-models.md and docs/policy-selection.md."""
+"""The network that predicts fatigue and consumption, of docs/quality.md and docs/quality.md."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -192,8 +193,29 @@ def weights(lines: Sequence[Line]) -> str:
     return table(["set", *steps, NAMES[PER_DECISION], NAMES[WEIGHTED]], rows)
 
 
+def shown(lines: Sequence[Line]) -> str:
+    """What the page shows, of the sets that are done: a table of each measure, by estimator."""
+    kinds = {
+        "absolute error": (absolute_error, 100.0, 1),
+        "rank correlation": (rank_correlation, 1.0, 2),
+        "regret@1": (partial(regret, k=1), 100.0, 1),
+    }
+    sets = {name: of(lines, name) for name in SETS}
+    sets = {x: each for x, each in sets.items() if len(each) == sum(one.set == x for one in plan())}
+    heads, parts = [f"`{name.partition('/')[2]}`" for name in sets], []
+    for kind, (measure, scale, digits) in kinds.items():
+        rows = []
+        for estimator in ESTIMATORS:
+            pairs = [(values_of(each), estimates_of(each, estimator)) for each in sets.values()]
+            found = ["–" if x is None else number(measure(true, x) / scale, digits) for true, x in pairs]
+            rows.append([NAMES[estimator], *found])
+        parts.append(table([kind, *heads], rows))
+    chance = (number(chance_regret(values_of(each), 1) / 100.0) for each in sets.values())
+    return "\n\n".join(parts) + f"\n| chance | {' | '.join(chance)} |"
+
+
 def block(lines: Sequence[Line]) -> str:
-    """All that the page says of results."""
+    """All tables, with the intervals."""
     errors = [line.value.standard_error or 0.0 for line in lines]
     parts = [
         f"{len(lines)} of {len(plan())} target policies are done. Returns are divided by 100; the standard "
@@ -220,5 +242,7 @@ def block(lines: Sequence[Line]) -> str:
 
 
 def write_page(lines: Sequence[Line]) -> None:
-    """Write the tables."""
-    write_measured(DOCS / "policy-selection.md", f"\n{block(lines)}\n")
+    """Write the tables: those with intervals beside the page."""
+    write_measured(DOCS / "quality.md", f"\n{shown(lines)}\n", "measured, selection")
+    beside = json.dumps(block(lines).splitlines(), indent=1, ensure_ascii=False)
+    (DOCS / "policy-selection.json").write_text(beside + "\n", encoding="utf-8")

@@ -18,7 +18,7 @@ Floats = npt.NDArray[np.float64]
 
 
 def distances(states: int = STATES) -> dict[str, list[list[float]]]:
-    """The distance of docs/dissimilarity.md from each source to each target, after ten steps."""
+    """The distance of docs/setpoints.md from each source to each target, after ten steps."""
     targets = [float(target) for target in TARGETS]
     rows = [measure("siemens", float(source), targets, n=states) for source in SOURCES]
     return {

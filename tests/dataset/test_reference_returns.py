@@ -104,11 +104,11 @@ def stored_scales():
 
 
 def test_the_pages_show_the_returns_of_the_file():
-    evaluation, references = (
-        (ROOT / f"docs/{page}.md").read_text(encoding="utf-8") for page in ("evaluation", "references")
+    evaluation, setpoints = (
+        (ROOT / f"docs/{page}.md").read_text(encoding="utf-8") for page in ("evaluation", "setpoints")
     )
     assert measured(evaluation).strip() == STUDY.rewards(stored_scales())
-    assert measured(references).strip() == STUDY.apart(stored_scales())
+    assert measured(setpoints, "measured, apart").strip() == STUDY.apart(stored_scales())
     assert reference().made_by == "studies/reference-returns"
 
 
@@ -119,7 +119,7 @@ def test_the_text_about_published_returns_agrees_with_them():
     assert far == {95.0, 35.0, 55.0}
     above = [ours["expert", p].mean_return / 100 - theirs[p]["expert"] for p in SETPOINTS]
     assert [f"{x:.1f}" for x in (min(above), max(above))] == ["9.8", "48.2"]
-    text = (ROOT / "docs/references.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/setpoints.md").read_text(encoding="utf-8")
     for p in far:
         both = f"{theirs[p]['random']:.1f}, ours {STUDY.shown(STUDY.hundredth(ours['random', p]))}"
         assert both.replace("-", "−") in text
@@ -133,7 +133,7 @@ def moving_rows(table):
 
 
 def moving_page():
-    text = (ROOT / "docs/references.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/setpoints.md").read_text(encoding="utf-8")
     return text, moving_rows(measured(text, "measured, moving").strip())
 
 

@@ -86,8 +86,8 @@ def test_every_policy_that_is_named_exists():
 
 
 def test_every_exit_code_is_explained():
-    found = {int(code) for code in re.findall(r"^\| `\w+` \| (\d+) \|", PAGES["errors.md"], re.M)}
-    table = PAGES["errors.md"].partition("## Exceptions")[0]
+    found = {int(code) for code in re.findall(r"^\| `\w+` \| (\d+) \|", PAGES["cli.md"], re.M)}
+    table = PAGES["cli.md"].partition("## Exceptions")[0]
     explained = {int(n) for codes in re.findall(r"^\| ([\d, ]+) \|", table, re.M) for n in codes.split(",")}
     assert explained == found | {0, 129, 130, 143}
 
@@ -115,3 +115,13 @@ def test_the_page_of_libraries_names_what_exists():
     assert named <= set(EXTRAS)
     for key, column in SCHEMA.items():
         assert f'    "{key}": "{column}",\n' in USE_WITH
+
+
+def test_the_documentation_stays_short():
+    """In words as `wc -w` counts them, of which the guide is what a user reads in order."""
+    [guide] = (part["Guide"] for part in YAML(typ="safe").load(ROOT / "mkdocs.yml")["nav"] if "Guide" in part)
+    read = {page for entry in guide for page in entry.values()}
+    words = {name: len(text.split()) for name, text in PAGES.items()}
+    assert len(list(DOCS.glob("*.md")) + list(DOCS.glob("*.ipynb"))) <= 28
+    assert sum(words.values()) <= 24_000
+    assert sum(words[name] for name in read & set(words)) <= 7_000

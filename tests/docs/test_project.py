@@ -71,7 +71,7 @@ def test_no_page_installs_by_name_before_publication():
     """Nothing can be installed by name yet, so pages name a clone, or an extra of an installed ibdata."""
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
         assert not re.search(r"""pip install ["']?ibdata""", page.read_text(encoding="utf-8")), page.name
-    assert "not published" in (ROOT / "docs/install.md").read_text(encoding="utf-8")
+    assert "not published" in (ROOT / "docs/quickstart.md").read_text(encoding="utf-8")
 
 
 def test_every_study_has_a_row():

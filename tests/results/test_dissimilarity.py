@@ -1,4 +1,4 @@
-"""The text of docs/dissimilarity.md agrees with its table, and the table with a smaller measurement.
+"""The text of docs/setpoints.md agrees with its table, and the table with a smaller measurement.
 
 Bounds on means are 5 standard errors of the difference; the seed is fixed.
 """
@@ -12,7 +12,9 @@ import pytest
 from helpers import ROOT
 from helpers import script as load
 
-TEXT = (ROOT / "docs/dissimilarity.md").read_text(encoding="utf-8")
+from measuring.documents import measured
+
+TABLE = measured((ROOT / "docs/setpoints.md").read_text(encoding="utf-8"), "measured, dissimilarity")
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +24,7 @@ def script():
 
 def listed():
     """Means and half intervals by setpoint: fatigue and consumption after 1 step, then after 10."""
-    rows = [line for line in TEXT.splitlines() if re.match(r"\| \d+ ", line)]
+    rows = [line for line in TABLE.splitlines() if re.match(r"\| \d+ ", line)]
     cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
     return {float(c[0]): [tuple(map(float, x.split(" ± "))) for x in c[1:]] for c in cells}
 

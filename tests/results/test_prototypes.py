@@ -21,9 +21,13 @@ MEASURED = json.loads((ROOT / "docs/prototypes.json").read_text(encoding="utf-8"
 
 
 def test_the_page_shows_the_runs():
-    for kind, block in page.blocks(LINES, MEASURED).items():
+    for kind, block in page.blocks(LINES).items():
         shown = PAGE.partition(f"<!-- {kind} -->\n")[2].partition(f"\n<!-- /{kind} -->")[0]
         assert shown == f"\n{block}\n", kind
+
+
+def test_the_tables_beside_the_page_are_those_of_the_runs():
+    assert page.beside(LINES, MEASURED) == MEASURED["tables"]
 
 
 def test_the_runs_are_those_of_the_plan_in_its_order():
@@ -58,7 +62,8 @@ def test_the_formulas_have_their_returns_in_fewer_episodes():
 
 
 def test_every_number_of_the_text_is_in_a_table_of_the_page():
-    tables = "\n".join(line for line in PAGE.splitlines() if line.startswith("|"))
+    beside = [line for each in MEASURED["tables"].values() for line in each["table"]]
+    tables = "\n".join(line for line in [*PAGE.splitlines(), *beside] if line.startswith("|"))
     text = " ".join(line for line in PAGE.splitlines() if not line.startswith("|"))
     for form in (r"−\d+\.\d+", r"\d+\.\d+ ± \d+\.\d+"):
         numbers = re.findall(form, text)

@@ -1,4 +1,4 @@
-"""What docs/prototypes.md and README.md say of the runs on the paper's prototypes, from these runs.
+"""What docs/prototypes.md, its data and README.md say of the runs on the paper's prototypes, from these runs.
 
 All three seeds of a run are above all three of an equal one by chance once in 20.
 """
@@ -19,6 +19,7 @@ FEW, MIDDLE, MANY = (episodes_each(count) for count in SIZES["random"])
 START, AROUND, LONG = page.COLUMNS
 ALL = [*FOUR, "cql"]
 TRAINED = [(name, *pair) for name in SIZES for pair in page.learned_parts(RESULTS, name)]
+ABOUT = page.ABOUT
 TEXT = " ".join((ROOT / "docs/prototypes.md").read_text(encoding="utf-8").split())
 
 

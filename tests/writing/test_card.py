@@ -71,7 +71,7 @@ def test_the_card_says_how_to_cite_as_the_documents_do(small):
     citation = YAML(typ="safe").load(ROOT / "CITATION.cff")
     [paper] = citation["references"]
     assert PAPER in text
-    assert PAPER in (ROOT / "docs/citing.md").read_text(encoding="utf-8")
+    assert PAPER in (ROOT / "docs/reproducibility.md").read_text(encoding="utf-8")
     assert f"{{{paper['title']}}}" in PAPER
     assert f"{{{paper['conference']['name']}}}" in PAPER
     assert paper["url"].endswith("1709.09480")
