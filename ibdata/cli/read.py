@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ibdata.dataset.returns import Returns
 
 MAX_ROWS = 1_000_000
-SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mean_reward", "reference_score")
+SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mean_reward", "score")
 
 
 @click.command("ls")
@@ -87,8 +87,8 @@ def _scored(returns: Returns, measures: Mapping[str, float | None]) -> list[str]
     lines = [as_text(Table([name.replace("_", " ") for name in SHOWN], rows[:MAX_LINES]))]
     if len(rows) > MAX_LINES:
         lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")
-    none = "no reference score: no references are stored for these dynamics, starts and steps"
-    lines.append(f"reference score: {returns['scale']}" if returns["scale"] else none)
+    none = "no score: no returns of references are stored for these dynamics, starts and steps"
+    lines.append(f"score: {returns['scale']}" if returns["scale"] else none)
     for name, value in measures.items():
         if value is not None:
             lines.append(f"{name.replace('_', ' ')}: {value:.2f}, {MEANING[name]}")

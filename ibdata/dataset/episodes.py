@@ -160,7 +160,7 @@ class Episodes:
 
         Returns:
             `results`, a list of dicts with policy, setpoint, episodes, steps, mean_return, standard_error,
-            interval, mean_reward (per step) and reference_score; and `scale`, the meaning of the scores.
+            interval, mean_reward (per step) and score; and `scale`, the meaning of the scores.
             Scores exist for episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100,
             from the starts default, uniform and {burn_in: [15, 64]}; for others, the score is None.
 

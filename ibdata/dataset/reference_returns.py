@@ -53,7 +53,7 @@ class Scale(JsonObject):
         else:
             start = "start after {} to {} random steps".format(*self.start["burn_in"])
         return (
-            f"0 = {ZERO}, 100 = {HUNDRED}, or {EXPERT} for the expert score, at the same {setpoint}: "
+            f"0 = {ZERO}, 100 = {HUNDRED}, at the same {setpoint}: "
             f"{self.dynamics} dynamics, {start}, {self.steps} steps, discount {self.discount:g}"
         )
 

@@ -31,7 +31,7 @@ class Result(TypedDict):
     standard_error: float | None  # of the mean; None for one episode
     interval: tuple[float, float] | None  # of 95 % confidence
     mean_reward: float  # per step
-    reference_score: float | None
+    score: float | None
 
 
 class Returns(TypedDict):
@@ -50,7 +50,7 @@ class Average(NamedTuple):
     mean_return: float
     standard_error: float | None
     mean_reward: float
-    reference_score: float | None
+    score: float | None
 
 
 def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
@@ -88,10 +88,10 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
                 "standard_error": estimated.standard_error,
                 "interval": estimated.interval,
                 "mean_reward": estimated.mean / steps,
-                "reference_score": scale.score(setpoint, estimated.mean) if scale else None,
+                "score": scale.score(setpoint, estimated.mean) if scale else None,
             }
         )
-    scored = {result["steps"] for result in results if result["reference_score"] is not None}
+    scored = {result["steps"] for result in results if result["score"] is not None}
     texts = [scale.text for steps, scale in scales.items() if scale and steps in scored]
     return {"results": results, "scale": "; ".join(texts) or None}
 
@@ -128,7 +128,7 @@ def _average(policy: str | None, results: Sequence[Result]) -> Average:
     errors = [_mean_error(part) for part in at.values()]
     known = [error for error in errors if error is not None]
     mean = _mean([_mean([r["mean_return"] for r in part]) for part in at.values()])
-    scores = [r["reference_score"] for r in results if r["reference_score"] is not None]
+    scores = [r["score"] for r in results if r["score"] is not None]
     return Average(
         policy,
         sum(r["episodes"] for r in results),
@@ -136,7 +136,7 @@ def _average(policy: str | None, results: Sequence[Result]) -> Average:
         mean,
         math.hypot(*known) / len(at) if len(known) == len(at) else None,
         mean / results[0]["steps"],
-        _mean([_mean([r["reference_score"] or 0.0 for r in part]) for part in at.values()])
+        _mean([_mean([r["score"] or 0.0 for r in part]) for part in at.values()])
         if len(scores) == len(results)
         else None,
     )

@@ -26,7 +26,11 @@ from ibdata.policies import POLICIES, Policy
 Floats = npt.NDArray[np.float64]
 
 OF_COSTS = ("mean_cost", "cost_error", "violations")  # are shown if the view has a cost
-WIDE = ("interval", "clipped")  # are not shown in tables; `results`, `to_pandas` and --json have them
+WIDE = (
+    "interval",
+    "clipped",
+    "expert_score",
+)  # are not shown in tables; `results`, `to_pandas` and --json have them
 
 
 class Result(NamedTuple):
@@ -89,7 +93,8 @@ class Evaluation(Tabular):
 
     def tables(self) -> list[Table]:
         """The results and, if there are several policies, their differences; without what is wide."""
-        said = [*([f"score: {self.scale}"] if self.scale else []), *self.notes]
+        protocol = f"{self.steps} steps, discount {self.discount:g}"
+        said = [*([f"score: {self.scale}: {protocol}"] if self.scale else []), *self.notes]
         shown = [_shown(Result._fields, self.results, said)]
         if self.baselines:
             names = [name for name in Comparison._fields if name not in WIDE]
@@ -171,7 +176,7 @@ def differences_of(labels: Sequence[str], setpoints: Sequence[float], returns: F
     ]
 
 
-SCALE = f"0 = {ZERO}, 100 = {HUNDRED}, or {EXPERT} for the expert score, simulated in the same episodes"
+SCALE = f"0 = {ZERO}, 100 = {HUNDRED}, simulated in the same episodes"
 REFERENCES = (ZERO, HUNDRED, EXPERT)
 CLEARLY = 2.0  # standard errors by which the policy of 100 must be better than that of 0
 

@@ -114,14 +114,12 @@ def _returns(dataset: Dataset) -> Iterable[str]:
     returns = dataset.returns()
     rows = [
         (r["policy"], r["setpoint"], r["episodes"], r["mean_return"], r["standard_error"], r["mean_reward"],
-         r["reference_score"])
+         r["score"])
         for r in returns["results"]
     ]  # fmt: skip
-    yield _table(
-        ("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "reference score"), rows
-    )
+    yield _table(("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "score"), rows)
     if returns["scale"]:
-        yield f"<p>reference score: {escape(returns['scale'])}</p>"
+        yield f"<p>score: {escape(returns['scale'])}</p>"
 
 
 def _shown(result: Tabular) -> Iterable[str]:

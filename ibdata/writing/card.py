@@ -188,11 +188,11 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
     """The returns of the behaviour, by policy."""
     returns = behaviour_returns(episodes, described)
     yield "## Behaviour\n"
-    yield "| policy | episodes | steps | return | ± s.e. | reward/step | reference score |"
+    yield "| policy | episodes | steps | return | ± s.e. | reward/step | score |"
     yield "|---|---|---|---|---|---|---|"
     for a in averages(returns["results"]):
         error = "-" if a.standard_error is None else f"{a.standard_error:,.0f}"
-        score = "-" if a.reference_score is None else f"{a.reference_score:.1f}"
+        score = "-" if a.score is None else f"{a.score:.1f}"
         policy = "all policies" if a.policy is None else a.policy
         yield (
             f"| {policy} | {a.episodes:,} | {a.steps:,} | {a.mean_return:,.0f} | {error} "
@@ -200,7 +200,7 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
         )
     yield "\nA return is the sum of the rewards of an episode, not discounted. Setpoints have equal weights."
     if returns["scale"]:
-        yield f"Reference score: {returns['scale']}."
+        yield f"Score: {returns['scale']}."
     yield ""
 
 

@@ -117,7 +117,7 @@ COLUMNS = [
     "policy", "setpoint", "episodes", "mean_return", "standard_error", "interval", "p10", "mean_reward",
     "score", "score_error", "expert_score", "clipped", "mean_cost", "cost_error", "violations",
 ]  # fmt: skip
-HIDDEN = ("interval", "clipped", "mean_cost", "cost_error", "violations")  # in tables
+HIDDEN = ("interval", "clipped", "expert_score", "mean_cost", "cost_error", "violations")  # in tables
 
 
 def test_evaluate_prints_results_differences_and_the_scale(run):

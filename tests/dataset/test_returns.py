@@ -29,7 +29,7 @@ def test_returns_are_by_policy_and_setpoint(dataset):
         assert r["mean_return"] == pytest.approx(rows.mean())
         assert r["standard_error"] == pytest.approx(rows.std() / np.sqrt(3))
         assert r["mean_reward"] == pytest.approx(rows.mean() / 40)
-        assert r["reference_score"] is None
+        assert r["score"] is None
     assert found["scale"] is None
 
 
@@ -42,12 +42,12 @@ def whole(describe, tmp_path_factory):
 
 def test_whole_episodes_from_the_default_start_have_a_score(whole):
     found = whole.returns()
-    assert [r["reference_score"] is None for r in found["results"]] == [True, False]  # no reference at 69
-    assert found["results"][1]["reference_score"] == pytest.approx(100.0, abs=3.0)
+    assert [r["score"] is None for r in found["results"]] == [True, False]  # no reference at 69
+    assert found["results"][1]["score"] == pytest.approx(100.0, abs=3.0)
     made = scale("siemens", "default", 1000, 1.0)
-    assert found["results"][1]["reference_score"] == made.score(70.0, found["results"][1]["mean_return"])
+    assert found["results"][1]["score"] == made.score(70.0, found["results"][1]["mean_return"])
     assert found["scale"] == made.text
-    assert "reference score: 0 = random, 100 = optimized" in shown(whole.path)
+    assert "score: 0 = random, 100 = optimized" in shown(whole.path)
     assert "at the same setpoint: " in shown(whole.path)
 
 
@@ -71,14 +71,14 @@ def test_merged_results_have_the_steps_of_their_episodes(mixed, whole):
         assert r["episodes"] == 3
         assert r["mean_return"] == pytest.approx(rows["return"].mean())
         assert r["mean_reward"] == pytest.approx((rows["return"] / rows["length"]).mean())
-    assert [r["reference_score"] is None for r in found["results"]] == [True, False, True, True]
+    assert [r["score"] is None for r in found["results"]] == [True, False, True, True]
     assert "in 12 episodes of 1,000 or 40 steps\n" in shown(mixed.path)
     assert json.loads(shown(mixed.path, "--json"))["returns"] == json.loads(json.dumps(found))
 
 
 def test_averages_are_over_setpoints_and_over_policies(dataset):
     made = averages(dataset.returns()["results"])
-    assert [(a.policy, a.episodes, a.steps, a.reference_score) for a in made] == [
+    assert [(a.policy, a.episodes, a.steps, a.score) for a in made] == [
         ("random", 6, 40, None), ("calm", 6, 40, None), (None, 12, 40, None)
     ]  # fmt: skip
     frame = dataset.episodes

@@ -65,9 +65,8 @@ def test_random_scores_0_and_the_top_100_without_error(settings):
     assert (random.score, random.score_error, random.expert_score) == (0.0, 0.0, 0.0)
     assert (optimized.score, optimized.score_error, expert.expert_score) == (100.0, 0.0, 100.0)
     assert safe.score_error > 0.1
-    assert found.scale == (
-        "0 = random, 100 = optimized, or expert for the expert score, simulated in the same episodes"
-    )
+    assert found.scale == "0 = random, 100 = optimized, simulated in the same episodes"
+    assert "simulated in the same episodes: 100 steps, discount 0.97" in str(found)
     assert found.notes == []
     [alone] = evaluate("safe", episodes=30, **settings).results
     assert alone == safe

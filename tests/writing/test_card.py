@@ -59,11 +59,11 @@ def test_the_behaviour_has_its_returns_and_its_scores(tmp_path):
         own = [r for r in returns["results"] if r["policy"] == policy]
         mean = frame[frame["policy"] == policy]["return"].mean()
         error = sum(r["standard_error"] ** 2 for r in own) ** 0.5 / 2
-        score = sum(r["reference_score"] for r in own) / 2
+        score = sum(r["score"] for r in own) / 2
         row = f"| {policy} | 4 | 1,000 | {mean:,.0f} | {error:,.0f} | {mean / 1000:.2f} | {score:.1f} |"
         assert row in lines
     assert any(line.startswith("| all policies | 8 | 1,000 | ") for line in lines)
-    assert f"Reference score: {returns['scale']}." in lines
+    assert f"Score: {returns['scale']}." in lines
 
 
 def test_the_card_says_how_to_cite_as_the_documents_do(small):

@@ -100,7 +100,7 @@ def test_a_normalized_score_is_that_of_ibdata(root, tmp_path, start):
     dataset, found = exported(tmp_path, changes, view={"reward_scale": 0.01})
     returns = np.array([episode.rewards.sum(dtype=float) for episode in found])
     scores = minari.get_normalized_score(found, returns).reshape(3, 5).mean(axis=1)
-    expected = [result["reference_score"] / 100 for result in dataset.returns()["results"]]
+    expected = [result["score"] / 100 for result in dataset.returns()["results"]]
     assert scores == pytest.approx(expected, rel=1e-5, abs=1e-5)
     assert scores[[0, 2]] == pytest.approx([0.0, 1.0], abs=0.25)
 
