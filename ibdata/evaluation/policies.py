@@ -202,7 +202,7 @@ def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Pol
         return f"{place}: {in_block.text}"
 
     with refusals(data, _Policies, line):
-        [policy] = _Policies.model_validate(data, context={"folder": folder}).policies
+        [policy] = _Policies.model_validate(data, context={"folder": folder, "weights": {}}).policies
     for custom in policy.everywhere(Custom):
         custom.look_in(two_places(folder))
     return policy

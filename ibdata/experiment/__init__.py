@@ -66,9 +66,9 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
     if isinstance(config, Experiment):
-        return _checked(config.plain(), overrides, seed, config.folder)
+        return _checked(config.plain(), overrides, seed, config.context)
     if isinstance(config, Mapping):
-        return _checked(native(config), overrides, seed)
+        return _checked(native(config), overrides, seed, {"weights": {}})
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("[!.]*.yaml"))[0]
@@ -119,14 +119,15 @@ def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
         line, column = document.position(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    return _checked(document.data, overrides, seed, path.parent.absolute(), begin)
+    context = {"folder": path.parent.absolute(), "weights": {}}
+    return _checked(document.data, overrides, seed, context, begin)
 
 
 def _checked(
     data: dict[str, Any],
     overrides: Overrides,
     seed: int | None,
-    folder: Path | None = None,
+    context: dict[str, Any],
     begin: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
     """Apply the overrides and check the experiment; `begin` begins the line of a problem in the file."""
@@ -148,7 +149,7 @@ def _checked(
         return f"override {problem.text}" if is_changed else begin(problem) + problem.text
 
     with refusals(data, Experiment, line):
-        return Experiment.model_validate(data, context={"folder": folder})
+        return Experiment.model_validate(data, context=context)
 
 
 def _parsed(override: str) -> tuple[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from copy import deepcopy
 from functools import cached_property
 from itertools import combinations, pairwise, product
 from pathlib import Path
@@ -38,6 +37,7 @@ from ibdata.experiment.scenario import Cell, Dynamics, Scenario
 from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
+from ibdata.policies.network import Network
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -94,9 +94,6 @@ class Experiment(FrozenModel):
         """The folder of the YAML file, if it was loaded from one; not part of the experiment."""
         return self._folder
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Experiment) and self.options() == other.options()
-
     @cached_property
     def scenario(self) -> Scenario:
         """What is simulated."""
@@ -108,6 +105,12 @@ class Experiment(FrozenModel):
             episodes=self.episodes,
             seed=self.seed,
         )
+
+    @property
+    def context(self) -> dict[str, Any]:
+        """The folder, and the weights of all networks by their SHA-256, so that a copy needs no file."""
+        networks = (network for policy in self.policies for network in policy.everywhere(Network))
+        return {"folder": self.folder, "weights": {network.sha256: network.weights for network in networks}}
 
     @property
     def variant(self) -> Variant:
@@ -165,10 +168,9 @@ class Experiment(FrozenModel):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder. Raises ConfigError if the copy is not valid."""
-        options = deepcopy(self.options()) if deep else self.options()
-        options = {**options, **native(update or {})}
-        with refusals(options, type(self)):
-            return self.model_validate(options, context={"folder": self.folder})
+        update = native(update or {})
+        with refusals({**self.options(), **update}, type(self)):
+            return super().model_copy(update=update, deep=deep)
 
     def part(self, steps: int, episodes: int) -> Experiment:
         """The same cells with fewer steps and episodes, and without splits, which may name other episodes."""

@@ -108,7 +108,16 @@ class FrozenModel(BaseModel):
 
         Raises pydantic's ValidationError where the options are not valid.
         """
-        return self.model_validate({**super().model_copy(deep=deep).options(), **(update or {})})
+        options = {**super().model_copy(deep=deep).options(), **(update or {})}
+        return self.model_validate(options, context=self.context)
+
+    @property
+    def context(self) -> dict[str, Any]:
+        """What a copy is checked with: the `folder` of files, and known `weights` by their SHA-256."""
+        return {}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and self.options() == other.options()
 
     def options(self) -> dict[str, Any]:
         """The options of the block by name, as they are."""
@@ -156,9 +165,6 @@ class Policy(FrozenModel):
     def label(self) -> str:
         """The policy's label in the data."""
         return self.name or self.kind
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Policy) and type(self) is type(other) and self.options() == other.options()
 
     @cached_property
     def inner(self) -> tuple[Policy, ...]:

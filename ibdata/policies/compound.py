@@ -96,12 +96,7 @@ class Wrapper(Policy):
         return applied(distribution.sample(observed.uniforms)), memory
 
 
-def _is_simple(policy: type[Policy]) -> bool:
-    """Whether a policy is not made of others."""
-    return not issubclass(policy, Wrapper | Choice)
-
-
-SimplePolicy = Annotated[Policy, OneOf(_is_simple)]
+SimplePolicy = Annotated[Policy, OneOf(lambda policy: not issubclass(policy, Wrapper | Choice))]
 Probability = Annotated[
     float,
     Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False),

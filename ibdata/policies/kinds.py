@@ -35,7 +35,8 @@ class OneOf:
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         block = handler(schema)
-        complete = [kind for kind in block["discriminator"]["mapping"] if not _required(POLICIES[kind])]
+        options = {kind: POLICIES[kind].model_fields.values() for kind in block["discriminator"]["mapping"]}
+        complete = [kind for kind, fields in options.items() if not any(x.is_required() for x in fields)]
         return {"anyOf": [{"enum": complete, "type": "string"}, block]}
 
 
@@ -47,11 +48,6 @@ def _block_of(value: Any) -> Any:
         return {**value, "kind": "live"}
     is_policy = type(value) in POLICIES.values()
     return {"kind": "live", "target": value} if can_act(value) and not is_policy else value
-
-
-def _required(policy: type[Policy]) -> list[str]:
-    """The options of a policy that have no default."""
-    return [name for name, option in policy.model_fields.items() if option.is_required()]
 
 
 def _may_be_certain(policy: type[Policy]) -> bool:

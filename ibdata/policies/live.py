@@ -7,7 +7,7 @@ from secrets import token_hex
 from typing import Any, Literal
 from weakref import WeakValueDictionary
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError
@@ -43,7 +43,7 @@ class Live(UserObject):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _with_object(cls, data: Any, handler: ModelWrapValidatorHandler[Live]) -> Live:
+    def _with_object(cls, data: Any, handler: ModelWrapValidatorHandler[Live], _: ValidationInfo) -> Live:
         """Find the object of a block, or take the target of a new one, which may set its own needs."""
         target = data.get("target") if isinstance(data, dict) else None
         if not can_act(target):

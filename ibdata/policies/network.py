@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationInfo, model_validator
+from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import Problems
 from ibdata.numerics.compiled import compiled
@@ -33,28 +33,31 @@ class Network(Deterministic):
 
     _weights: Weights = PrivateAttr()
 
-    @model_validator(mode="before")
+    @model_validator(mode="wrap")
     @classmethod
-    def _found(cls, data: Any, info: ValidationInfo) -> Any:
-        """Replace the path by the name that the weights have in every dataset, and note their SHA-256."""
+    def _found(cls, data: Any, handler: ModelWrapValidatorHandler[Network], info: ValidationInfo) -> Network:
+        """Keep the weights, and put their name in every dataset and their SHA-256 in place of a path."""
         file, sha256 = (data.get("file"), data.get("sha256")) if isinstance(data, dict) else (None, None)
         if not isinstance(file, str) or not isinstance(sha256, str | None):
-            return data
-        folder: Path | None = (info.context or {}).get("folder")
+            return handler(data)
+        context = info.context or {}
         try:
-            weights = find(file, sha256, folder)
+            weights = find(file, sha256, context.get("folder"), context.get("weights", {}))
         except ValueError as error:
             raise Problems([(("file",), str(error))]) from None
-        return {**data, "file": weights.name, "sha256": weights.sha256}
-
-    def model_post_init(self, context: Any, /) -> None:
-        """Keep the weights, so that the policy needs no file from now on."""
-        self._weights = find(self.file, self.sha256, None)
+        policy = handler({**data, "file": weights.name, "sha256": weights.sha256})
+        policy._weights = weights
+        return policy
 
     @property
     def weights(self) -> Weights:
         """The weights."""
         return self._weights
+
+    @property
+    def context(self) -> dict[str, Any]:
+        """Its weights, so that a copy needs no file."""
+        return {"weights": {self.sha256: self.weights}}
 
     @property
     def needs(self) -> Needs:

@@ -19,7 +19,7 @@ from ibdata.policies.actors import Actor, actor_of, numbers
 from ibdata.policies.base import SETPOINT
 from ibdata.policies.libraries import environment_note, lacks_environment
 from ibdata.policies.scaling import far_notes
-from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, kept, written
+from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, written
 from ibdata.system.files import write
 from ibdata.system.part import refusals
 
@@ -94,7 +94,7 @@ def save_network(
         metadata |= {"log_std": "clamp", "log_std_low": repr(float(low)), "log_std_high": repr(float(high))}
     data = written(tensors, metadata)
     try:
-        weights = kept(data)
+        weights = Weights(data)
     except ValueError as error:
         raise UsageError(f"model: {error}") from None
     _refuse_other_actions(model, actor, weights)

@@ -1,8 +1,4 @@
-"""The weights of an actor network in a safetensors file; docs/networks.md describes the layout.
-
-Weights that a process has read are known by their SHA-256, so that an experiment can be checked again, or be
-made of what a dataset lists, without the path from which they came.
-"""
+"""The weights of an actor network in a safetensors file; docs/networks.md describes the layout."""
 
 from __future__ import annotations
 
@@ -136,7 +132,7 @@ class Weights:
         return out
 
     def __reduce__(self) -> tuple[Any, tuple[bytes]]:
-        return kept, (self.data,)
+        return Weights, (self.data,)
 
 
 def name_of(sha256: str) -> str:
@@ -148,31 +144,20 @@ def name_of(sha256: str) -> str:
     return f"policy-{sha256[:16]}{SUFFIX}"
 
 
-_known: dict[str, Weights] = {}  # all weights that this process has read, by SHA-256
-
-
-def kept(data: bytes) -> Weights:
-    """The weights that a file holds; the same object for the same bytes.
-
-    From then on, `find` finds them by their SHA-256. Raises ValueError if the file is not valid.
-    """
-    weights = Weights(data)
-    return _known.setdefault(weights.sha256, weights)
-
-
-def find(file: str, sha256: str | None, folder: Path | None) -> Weights:
+def find(file: str, sha256: str | None, folder: Path | None, known: dict[str, Weights]) -> Weights:
     """Find weights by the path of their file in a folder, by a shipped name, or by `name_of` known weights.
 
-    Raises ValueError if there is no such file, or it is not valid, or has another SHA-256 than is given.
+    Those that are found are `known` by their SHA-256 from then on. Raises ValueError if there is no such
+    file, or it is not valid, or has another SHA-256 than is given.
     """
-    if sha256 in _known and file == name_of(sha256):
-        return _known[sha256]
+    if sha256 in known and file == name_of(sha256):
+        return known[sha256]
     shipped = [path.stem for path in sorted(SHIPPED.glob(f"*{SUFFIX}"))]
     path = (folder or Path()) / os.path.expanduser(file)
     if file.removesuffix(SUFFIX) in shipped and not path.is_file():
         path = SHIPPED / f"{file.removesuffix(SUFFIX)}{SUFFIX}"
     try:
-        weights = kept(plain_bytes(path, MAX_BYTES))
+        weights = Weights(plain_bytes(path, MAX_BYTES))
     except FileNotFoundError:
         where = "beside the YAML file" if folder else "in the current folder"
         names = f" or one of {', '.join(shipped)}" if shipped else ""
@@ -183,7 +168,7 @@ def find(file: str, sha256: str | None, folder: Path | None) -> Weights:
         raise ValueError(f"{printable(file)}: {error}") from None
     if sha256 not in (None, weights.sha256):
         raise ValueError(f"{file}: found weights with SHA-256 {weights.sha256}, expected {sha256}")
-    return weights
+    return known.setdefault(weights.sha256, weights)
 
 
 def _metadata(texts: Mapping[str, str]) -> Metadata:

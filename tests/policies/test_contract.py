@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
+from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies import POLICIES, Decision, Policy, purity
 from ibdata.policies.checked import ask
 from ibdata.testing import check_policy
@@ -81,8 +82,11 @@ def test_noise_for_which_actions_are_too_coarse_is_refused(block):
 @blocks
 def test_it_is_an_immutable_block_of_options(block, tmp_path):
     policy = policy_of(block)
-    assert type(policy).model_validate_json(policy.model_dump_json()) == policy
-    (tmp_path / "x.yaml").write_bytes(as_yaml(Experiment(name="x", setpoints=70.0, policies=[policy])))
+    made = Experiment(name="x", setpoints=70.0, policies=[policy])
+    assert type(policy).model_validate_json(policy.model_dump_json(), context=made.context) == policy
+    for name, data in DatasetSpec.of(made).weights.items():
+        (tmp_path / name).write_bytes(data)
+    (tmp_path / "x.yaml").write_bytes(as_yaml(made))
     assert load(tmp_path / "x.yaml").policies == [policy]
     with pytest.raises(ValidationError, match="frozen"):
         policy.kind = "other"
