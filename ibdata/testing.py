@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.errors import PolicyError
-from ibdata.evaluation.policies import loaded, policy_of
+from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.policies import Observed, Policy, purity
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
@@ -66,8 +66,8 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
         AssertionError: a check failed; the message says which.
         PolicyError: the policy is not pure, raised an exception, or returned no numbers of the right shape.
     """
-    policy = policy_of(policy, history)
-    with loaded([policy]):
+    policy = as_policy(policy, history)
+    with loaded([policy]) as [policy]:
         if not any(policy.everywhere(UserObject)):  # of which `loaded` has made sure
             purity.refuse_impure(policy, exact=True)
         seen = purity.histories(ROWS, policy.needs.history) if histories is None else histories

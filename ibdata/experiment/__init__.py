@@ -22,6 +22,7 @@ from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
+from ibdata.policies.base import FrozenModel
 
 # The ways to name an experiment: a path, a shipped name, a mapping, or an Experiment itself.
 Config = Annotated[
@@ -66,7 +67,7 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
     if isinstance(config, Experiment):
-        return _checked(config.plain(), overrides, seed, config.context)
+        return _checked(native(config.options()), overrides, seed, config.context)
     if isinstance(config, Mapping):
         return _checked(native(config), overrides, seed, {"weights": {}})
     path = find(config)
@@ -181,6 +182,8 @@ def _put(data: Any, key: str, value: Any) -> Loc:
         child = data.get(index) if isinstance(data, dict) else data[index]
         if isinstance(child, str) and path[0] == "policies":
             child = data[index] = {"kind": child}
+        elif isinstance(child, FrozenModel):
+            child = data[index] = native(child.options())
         elif not isinstance(child, dict | list):
             child = data[index] = {}
             new_path = new_path or path

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
@@ -15,6 +16,7 @@ from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.policies import Policy
+from ibdata.policies.code import Acting
 from ibdata.policies.weights_file import Weights
 
 
@@ -78,8 +80,10 @@ class DatasetSpec:
         return cls(experiment.name, (experiment,))
 
     @classmethod
-    def from_plain(cls, data: Mapping[str, Any], weights: Mapping[str, bytes]) -> DatasetSpec:
-        """Read the data of `plain` and `weights`, or the same data from a dataset."""
+    def from_plain(
+        cls, data: Mapping[str, Any], weights: Mapping[str, bytes], folder: Path | None = None
+    ) -> DatasetSpec:
+        """Read the data of `plain` and `weights`, or of a dataset; code is looked for in the folder too."""
         known = {}
         for path, content in weights.items():
             try:
@@ -87,7 +91,7 @@ class DatasetSpec:
             except ValueError as error:
                 raise DatasetError(f"{path}: {error}") from None
             known[read.sha256] = read
-        context = {"weights": known}
+        context = {"folder": folder, "weights": known}
         experiments = (Experiment.model_validate(plain, context=context) for plain in data["experiments"])
         return cls(data["name"], tuple(experiments))
 
@@ -149,8 +153,11 @@ class DatasetSpec:
 
     def policies_of(self, kind: type[P]) -> list[P]:
         """The policies of a class, including parts of others."""
-        policies = (policy for experiment in self.experiments for policy in experiment.policies)
-        return [part for policy in policies for part in policy.everywhere(kind)]
+        return [policy for experiment in self.experiments for policy in experiment.everywhere(kind)]
+
+    def loaded(self, acting: Acting) -> DatasetSpec:
+        """A copy in which all objects of users are loaded, so that they can act until `acting` ends."""
+        return replace(self, experiments=tuple(each.loaded(acting) for each in self.experiments))
 
     def rows_in(self, shards: Iterable[Shard]) -> int:
         """The number of transitions in some of the shards."""

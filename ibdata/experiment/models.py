@@ -38,6 +38,7 @@ from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.network import Network
+from ibdata.policies.user_object import ObjectPolicy
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -109,8 +110,8 @@ class Experiment(FrozenModel):
     @property
     def context(self) -> dict[str, Any]:
         """The folder, and the weights of all networks by their SHA-256, so that a copy needs no file."""
-        networks = (network for policy in self.policies for network in policy.everywhere(Network))
-        return {"folder": self.folder, "weights": {network.sha256: network.weights for network in networks}}
+        weights = {network.sha256: network.weights for network in self.everywhere(Network)}
+        return {"folder": self.folder, "weights": weights}
 
     @property
     def variant(self) -> Variant:
@@ -194,7 +195,7 @@ class Experiment(FrozenModel):
             problems.append((("setpoints",), problem))
         forms = [policy.form() for policy in self.policies]
         for i, form in enumerate(forms):
-            if form in forms[:i]:
+            if form in forms[:i] and not any(self.policies[i].everywhere(ObjectPolicy)):
                 message = f"found the same policy as policies.{forms.index(form)}; remove one of the two"
                 problems.append((("policies", i), message))
         for name, split in self.splits.items():

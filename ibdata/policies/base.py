@@ -16,6 +16,8 @@ from ibdata.policies.distributions import Distribution
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+    from ibdata.policies.code import Acting
+
 Float32s = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -123,6 +125,33 @@ class FrozenModel(BaseModel):
         """The options of the block by name, as they are."""
         return {name: getattr(self, name) for name in type(self).model_fields}
 
+    @cached_property
+    def inner(self) -> tuple[Policy, ...]:
+        """The policies of which this one is made: those in its options, in order."""
+        return tuple(_policies_in(list(self.options().values())))
+
+    def everywhere(self, kind: type[Kind]) -> Iterator[Kind]:
+        """Yield those of a class among this block and all policies of which it is made, at any depth."""
+        if isinstance(self, kind):
+            yield self
+        for policy in self.inner:
+            yield from policy.everywhere(kind)
+
+    def mapped(self, change: Callable[[Policy], Policy]) -> Self:
+        """A copy in which each policy of `inner` is changed, without properties computed of the others."""
+        if not self.inner:
+            return self
+        copy = self.__copy__()
+        for name in vars(self):
+            if isinstance(getattr(type(self), name, None), cached_property):
+                del vars(copy)[name]
+        vars(copy).update({name: _mapped(option, change) for name, option in self.options().items()})
+        return copy
+
+    def loaded(self, acting: Acting) -> Self:
+        """A copy in which all objects of users are loaded, so that they can act until `acting` ends."""
+        return self.mapped(lambda policy: policy.loaded(acting))
+
 
 def refuse_density(policy: Any) -> None:
     """Raise TypeError for a policy or an object that states a density beside its actions."""
@@ -166,18 +195,6 @@ class Policy(FrozenModel):
         """The policy's label in the data."""
         return self.name or self.kind
 
-    @cached_property
-    def inner(self) -> tuple[Policy, ...]:
-        """The policies of which this one is made: those in its options, in order."""
-        return tuple(_policies_in(list(self.options().values())))
-
-    def everywhere(self, kind: type[Kind]) -> Iterator[Kind]:
-        """Yield those of a class among this policy and all of which it is made, at any depth."""
-        if isinstance(self, kind):
-            yield self
-        for policy in self.inner:
-            yield from policy.everywhere(kind)
-
     def form(self) -> dict[str, Any]:
         """The kind and the options that differ from their defaults, from which digests are computed."""
         plain = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
@@ -193,6 +210,15 @@ def _policies_in(value: Any) -> Iterator[Policy]:
     elif isinstance(value, list):
         for item in value:
             yield from _policies_in(item)
+
+
+def _mapped(value: Any, change: Callable[[Policy], Policy]) -> Any:
+    """The value of an option in which each policy is changed."""
+    if isinstance(value, Policy):
+        return change(value)
+    if isinstance(value, FrozenModel):
+        return value.mapped(change)
+    return [_mapped(item, change) for item in value] if isinstance(value, list) else value
 
 
 def _form(value: Any, plain: Any) -> Any:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import inspect
 import json
 import sys
-from contextlib import suppress
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, PrivateAttr
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from ibdata.errors import PolicyError, UsageError, printable, suggestion
 from ibdata.policies.adapter import EXPECTED, can_act, has_method, needs_of
 from ibdata.policies.base import refuse_density
 from ibdata.policies.code import (
+    Acting,
     Places,
     apart_from_results,
     error_line,
@@ -65,7 +64,18 @@ class Custom(UserObject):
         description="paths of other files that it reads, such as weights.pt, beside the YAML file or in the "
         "current folder; they are hashed like its code",
     )
-    _places: Places = PrivateAttr(())  # by default the current folder
+    _folder: Path | None = PrivateAttr(None)  # of the YAML file
+    _places: Places = PrivateAttr(())  # in which the code, and the files that it reads, are looked for
+
+    @model_validator(mode="after")
+    def _of_file(self, info: ValidationInfo) -> Custom:
+        self._folder = (info.context or {}).get("folder")
+        return self
+
+    @property
+    def context(self) -> dict[str, Any]:
+        """The folder of the YAML file."""
+        return {"folder": self._folder}
 
     @property
     def code_target(self) -> str:
@@ -76,18 +86,9 @@ class Custom(UserObject):
         """The kind and the options, without the files, which are recorded with the run like the code."""
         return {key: value for key, value in super().form().items() if key != "files"}
 
-    def look_in(self, places: Places) -> None:
-        """Look for the code, and the files that it reads, in these folders and no others."""
-        self._places = places
-
-    @property
-    def places(self) -> Places:
-        """The folders in which the code and the files that it reads are looked for."""
-        return self._places or two_places(None)
-
     def files_used(self) -> dict[str, Path]:
         """The paths of the declared files by their names. Raises UsageError if one is not found."""
-        return {name: located(name, f"{self.target}: files", self.places) for name in self.files or ()}
+        return {name: located(name, f"{self.target}: files", self._places) for name in self.files or ()}
 
     def target_file(self) -> Path | None:
         """The file of the target, which may be that of an imported module; None if none is known."""
@@ -96,58 +97,33 @@ class Custom(UserObject):
     def file(self) -> Path | None:
         """The file that the target names, or None if it names a module. UsageError if it is not found."""
         source, _, _ = self.target.partition(":")
-        return located(source, self.target, self.places) if source.endswith(".py") else None
+        return located(source, self.target, self._places) if source.endswith(".py") else None
 
-    def forget(self) -> None:
-        """Forget the object, so that it is created anew on its next use, and its folders in Python's path."""
-        if "adapted" in self.__dict__:
-            self._leave_path()
-        super().forget()
-
-    @cached_property
-    def adapted(self) -> Any:
-        """The object, which is imported or created on first use."""
-        sys.path[:0] = self._folders()  # before all others, as `python -m` does
-        try:
-            return self._loaded()
-        except BaseException:
-            self._leave_path()
-            raise
-
-    def _folders(self) -> list[str]:
-        """The folders in which the code finds other modules."""
-        file = self.file()
-        return list(dict.fromkeys(map(str, [*([] if file is None else [file.parent]), *self.places])))
-
-    def _leave_path(self) -> None:
-        for folder in self._folders():
-            with suppress(ValueError):
-                sys.path.remove(folder)
-
-    def _loaded(self) -> Any:
-        source, _, name = self.target.partition(":")
+    def _made(self, acting: Acting) -> Any:
+        self._places = two_places(acting.folder, self._folder)
+        file, (source, _, name) = self.file(), self.target.partition(":")
+        acting.add_to_path(map(str, [*([] if file is None else [file.parent]), *self._places]))
         try:
             with loading(self.target), apart_from_results():
-                actor = self._object_of(self._attribute(imported(source, self.file()), name))
+                module = imported(source, file)
+                if not hasattr(module, name):
+                    names = [known for known in vars(module) if not known.startswith("_")]
+                    raise PolicyError(
+                        f"{self.target}: found no {name!r} in the module{suggestion(name, names)}"
+                    )
+                actor = self._object_of(getattr(module, name))
         except (PolicyError, UsageError, KeyboardInterrupt):
             raise
         except BaseException as error:
             line = f"{self.target}: cannot be loaded: {error_line(error)}"
             if isinstance(error, ModuleNotFoundError) and error.name == source.partition(".")[0]:
-                folders = " or ".join(map(str, self.places))
+                folders = " or ".join(map(str, self._places))
                 line += f"; expected the module in {printable(folders)}, or installed"
             raise PolicyError(line) from error
         if not can_act(actor):
             raise PolicyError(f"{self.target}: found {type(actor).__name__}, expected {EXPECTED}")
         self._refuse_other_form(actor)
         return actor
-
-    def _attribute(self, module: ModuleType, name: str) -> Any:
-        """What the module has under this name."""
-        if not hasattr(module, name):
-            names = [known for known in vars(module) if not known.startswith("_")]
-            raise PolicyError(f"{self.target}: found no {name!r} in the module{suggestion(name, names)}")
-        return getattr(module, name)
 
     def _object_of(self, target: Any) -> Any:
         """What the target is, or makes of `params`."""

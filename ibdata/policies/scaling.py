@@ -73,7 +73,7 @@ def _scalings(parts: Sequence[Policy]) -> Iterator[dict[str, Any]]:
             yield {"mean": part.weights.mean, "std": part.weights.std}
         elif isinstance(part, UserObject):
             with suppress(AttributeError, TypeError):  # of another scaler, or one that is not fitted
-                if scaling := scaling_of(owner_of(part.adapted)):
+                if scaling := scaling_of(owner_of(part.adapter.target)):
                     yield scaling
 
 

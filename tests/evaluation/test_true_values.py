@@ -175,7 +175,7 @@ def test_values_are_means_with_their_errors(dataset):
         ({"actions": [0, 0, 0]}, "actions: found [0, 0, 0], expected (2, 3) finite numbers"),
         ({"steps": 0}, "steps: found 0, expected a whole number of at least 1"),
         ({"episodes": 2**47}, "episodes: this number takes "),
-        ({"policy": ["safe", "bad"]}, "policy: found 2 policies, expected one policy"),
+        ({"policy": ["safe", "bad"]}, "expected one policy: a kind, a block, an object"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,
 )

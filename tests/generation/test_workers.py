@@ -147,7 +147,7 @@ def test_an_error_of_a_worker_reaches_the_caller(own):
 
 @slow
 def test_a_worker_that_gets_what_cannot_be_unpickled_ends():
-    with closing(Worker(DatasetSpec.of(TINY))) as worker:
+    with closing(Worker(DatasetSpec.of(TINY), Path.cwd())) as worker:
         worker._pipe.send_bytes(b"junk")
         assert worker._process.wait(timeout=60) == 1
 

@@ -13,6 +13,7 @@ from ibdata.policies import POLICIES, Decision, Needs, Observed, Policy
 from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
 from ibdata.policies.checked import ask
+from ibdata.policies.code import Acting
 
 Actions = npt.NDArray[np.float32]
 BAD, SAFE, RANDOM = {"kind": "bad"}, {"kind": "safe"}, {"kind": "random"}
@@ -57,9 +58,15 @@ BLOCKS = [
 ]
 
 
+def ready(policy):
+    """A copy of a policy whose objects are loaded."""
+    with Acting() as acting:
+        return policy.loaded(acting)
+
+
 def policy_of(block):
-    """The policy of a block."""
-    return POLICIES[block["kind"]](**block)
+    """The policy of a block, whose objects are loaded."""
+    return ready(POLICIES[block["kind"]](**block))
 
 
 def distribution(policy, observed):

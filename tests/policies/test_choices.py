@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.policies import distribution, played, playing
+from helpers.policies import distribution, played, playing, ready
 
 from ibdata.experiment import Experiment
 from ibdata.policies import POLICIES
@@ -56,7 +56,7 @@ def test_at_the_first_step_there_is_nothing_to_repeat():
     ("target", "known"), [("ibdata.policies.baselines:Bad", True), (lambda seen: seen[:, :3] / 100.0, False)]
 )
 def test_a_custom_base_has_the_density_that_it_states(target, known):
-    policy = Sticky(base={"kind": "custom", "target": target}, kappa=0.5)
+    policy = ready(Sticky(base={"kind": "custom", "target": target}, kappa=0.5))
     (given, action), *_ = playing(policy, 4, 1)
     assert np.isfinite(distribution(policy, given).log_density(action)).all() == known
 

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import pytest
 from helpers.own_code import described
-from helpers.policies import proposed
+from helpers.policies import proposed, ready
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError
@@ -30,7 +30,7 @@ from ibdata.policies.custom import Custom
     ],
 )  # fmt: skip
 def test_act_and_predict_are_asked_for_actions(mine, options, actions):
-    policy = Custom(**options)
+    policy = ready(Custom(**options))
     rng = np.random.default_rng(0)
     history = rng.uniform(0, 100, (7, policy.needs.history, 6)).astype(np.float32)
     u = rng.random((7, policy.needs.step_draws))

@@ -9,13 +9,13 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from helpers.policies import proposed
+from helpers.policies import proposed, ready
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError
-from ibdata.evaluation.policies import policy_of
-from ibdata.policies import ClippedNormal, Decision, Needs, Policy
-from ibdata.policies.checked import AnswerError
+from ibdata.evaluation.policies import as_policy
+from ibdata.policies import POLICIES, AnyPolicy, ClippedNormal, Decision, Needs, Policy
+from ibdata.policies.checked import AnswerError, ask
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
 NOTHING = np.empty((5, 0))
@@ -23,7 +23,7 @@ GIVEN = "it was given observations (5, 12)"
 
 
 def asked(target, history=2):
-    return proposed(policy_of(target, history), HISTORY[:, :history], NOTHING)
+    return proposed(ready(as_policy(target, history)), HISTORY[:, :history], NOTHING)
 
 
 class Greedy:
@@ -58,7 +58,7 @@ def doubled(observations):
 def test_what_is_given_may_be_changed_and_is_a_copy(target):
     history = HISTORY.copy()
     history.flags.writeable = False
-    policy = policy_of(target, 2)
+    policy = ready(as_policy(target, 2))
     np.testing.assert_array_equal(proposed(policy, history, NOTHING), 2.0 * HISTORY[:, 0, 1:4])
     np.testing.assert_array_equal(history, HISTORY)
 
@@ -82,7 +82,7 @@ def test_a_density_of_another_form_is_refused_with_a_hint():
     for method in ("log_prob", "log_density"):
         other = type("Other", (Predicting,), {method: lambda self, *_: None})()
         with pytest.raises(UsageError, match=f"Other: found {method}, expected decide to return Decision\\("):
-            policy_of(other)
+            as_policy(other)
 
 
 class Tensor:
@@ -200,6 +200,38 @@ def test_a_policy_of_a_user_keeps_its_name_in_an_experiment():
     within = {"kind": "epsilon_greedy", "base": Named(name="one"), "epsilon": 0.1}
     with pytest.raises(ibdata.IbdataError, match="found a name in the base, expected the name beside"):
         ibdata.Experiment(name="x", setpoints=70, policies=[within])
+
+
+class Around(Policy):
+    """A policy of a user around another one, which may be an object."""
+
+    kind: Literal["around"] = "around"
+    base: AnyPolicy
+
+    def decide(self, observed):
+        return Decision(-ask(self.base, observed)[0].sample(observed.uniforms), observed.memory)
+
+
+def test_a_policy_of_a_user_may_be_made_of_objects(tmp_path):
+    """They are loaded with it, where it is a policy and where it acts as an object."""
+    moved = ibdata.evaluate([Around(base=lambda seen: -0.01 * seen[:, 1:4])], episodes=2, steps=3).returns
+    plain = ibdata.evaluate([lambda seen: 0.01 * seen[:, 1:4]], episodes=2, steps=3).returns
+    assert moved.tolist() == plain.tolist()
+    made = {"name": "x", "setpoints": 70, "steps": 3, "policies": [Around(base=Predicting())]}
+    assert (ibdata.generate(made, tmp_path / "out").to_pandas()["act_gain"] == -1.0).all()
+    with pytest.raises(PolicyError, match="found a policy that is not loaded, as evaluate and generate load"):
+        Around(base=Predicting()).base.decide(None)
+
+
+def test_a_loaded_policy_is_equal_but_another_object():
+    policy = Around(base=doubled)
+    loaded = ready(policy)
+    assert loaded == policy
+    assert loaded.base is not policy.base
+    assert (loaded.form(), loaded.label, loaded.inner) == (policy.form(), policy.label, policy.inner)
+    assert ready(POLICIES["safe"]()).inner == ()
+    named = ready(as_policy(Named(name="one")))
+    assert named.model_copy(update={"name": None}) == Named()
 
 
 @pytest.mark.parametrize("episodes", [1, 3])

@@ -12,12 +12,12 @@ from gymnasium import Env, spaces
 from gymnasium.wrappers import FlattenObservation, FrameStackObservation
 from helpers import ROOT
 from helpers.pages import check_guide
-from helpers.policies import action_of, proposed
+from helpers.policies import action_of, proposed, ready
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 import ibdata
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import as_policy
 from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
 from ibdata.policies.checked import ask
@@ -104,7 +104,7 @@ def test_the_scaling_of_a_vec_normalize_is_taken_over(file, history):
     model = of_sb3(PPO, env)
     expected, _ = model.predict(env.normalize_obs(history.reshape(len(history), -1)), deterministic=True)
     check_same(saved(file, model), history, expected)
-    own = proposed(policy_of(model, FRAMES), history)
+    own = proposed(ready(as_policy(model, FRAMES)), history)
     np.testing.assert_allclose(np.clip(own, -1.0, 1.0), expected, rtol=0.0, atol=1e-6)
 
 
