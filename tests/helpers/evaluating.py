@@ -34,7 +34,7 @@ BLOCKS = {
     "ε-greedy of expert": {"kind": "epsilon_greedy", "base": {"kind": "expert"}, "epsilon": 0.2},
     "gaussian": {"kind": "gaussian", "base": BAD, "scale": 1.0},
     "ornstein_uhlenbeck": {"kind": "ornstein_uhlenbeck", "sigma": 0.7},
-    "coloured_noise": {"kind": "coloured_noise", "period": 4},
+    "unknown": {"kind": "live", "target": lambda seen: seen[:, 1:4] / 100.0},
     "sticky bad": {"kind": "sticky", "base": BAD, "kappa": 0.5},
     "mixture": {"kind": "mixture", "bases": [{"kind": "random"}, {"kind": "safe"}]},
     "schedule": {"kind": "schedule", "stages": [{"base": BAD, "steps": 3, "epsilon": [0.9, 0.2]}]},

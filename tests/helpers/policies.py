@@ -22,7 +22,6 @@ CODE = {"kind": "custom", "target": "ibdata.policies.baselines:Safe", "uniforms"
 SURE = {"kind": "custom", "target": "ibdata.policies.baselines:Mediocre", "deterministic": True}
 NETWORK = {"kind": "network", "file": "actor.safetensors"}  # see `networks.actor`
 NOISE = {"kind": "ornstein_uhlenbeck", "base": BASE, "theta": 0.5, "sigma": 0.6}
-PINK = {"kind": "coloured_noise", "period": 8}
 STICKY = {"kind": "sticky", "base": SAFE, "kappa": 0.4}
 PLAIN = ["bad", "constant", "expert", "mediocre", "multisine", "optimized", "ornstein_uhlenbeck", "prbs"]
 BLOCKS = [
@@ -38,8 +37,6 @@ BLOCKS = [
     {"kind": "gaussian", "base": BASE, "scale": 0.6},
     {"kind": "gaussian", "base": SURE, "scale": 0.4},
     NOISE,
-    PINK,
-    {"kind": "coloured_noise", "base": BASE, "beta": 0.5, "scale": 2.0, "period": 2},
     {"kind": "epsilon_greedy", "base": BASE, "epsilon": 0.3},
     {"kind": "epsilon_greedy", "base": SAFE, "epsilon": 0.3},
     {"kind": "epsilon_greedy", "base": BASE, "epsilon": 1.0},
@@ -51,7 +48,7 @@ BLOCKS = [
     {"kind": "sticky", "base": STICKY, "kappa": 0.5},
     {"kind": "mixture", "bases": [SAFE, BAD, RANDOM]},
     {"kind": "mixture", "bases": [BAD, {"kind": "sticky", "base": NOISE, "kappa": 0.5}]},
-    {"kind": "mixture", "bases": [PINK, {"kind": "prbs"}], "weights": [1.0, 3.0]},
+    {"kind": "mixture", "bases": [{"kind": "multisine"}, {"kind": "prbs"}], "weights": [1.0, 3.0]},
     {"kind": "schedule", "stages": [{"base": BASE, "steps": 10, "epsilon": [0.9, 0.1]}]},
     {"kind": "schedule", "stages": [{"base": STICKY, "steps": 10, "epsilon": [0.5, 0.5]}]},
     {"kind": "schedule", "stages": [{"base": BAD, "steps": 2}, {"base": SAFE}]},

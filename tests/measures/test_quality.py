@@ -68,7 +68,7 @@ def test_splits_and_selections_are_those_of_the_reader(dataset):
 
 
 def test_what_is_not_known_has_no_value(describe, tmp_path):
-    experiment = describe(policies=[{"kind": "coloured_noise"}], setpoints={"drifting": [50]})
+    experiment = describe(policies=[lambda seen: seen[:, 1:4] / 100.0], setpoints={"drifting": [50]})
     found = ibdata.quality(ibdata.generate(experiment, tmp_path / "made", workers=1))
     assert found.action_entropy is found.trajectory_quality is None
 

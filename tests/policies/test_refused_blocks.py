@@ -43,7 +43,6 @@ REFUSED = [  # the block, the column, and the message
     ("constant, action: [true, 0, 0]", "31: policies.0.action.0: found true, expected a number"),
     ("multisine, sines: 10, period: 60",
      "5: policies.0: found a period of 60 steps, expected more than 60, which is 6 for each of the sines"),
-    ("coloured_noise, period: 1000", "36: policies.0.period: found 1000, expected a power of two"),
     ("custom, target: 'a:b', deterministic: true, uniforms: 3",
      "5: policies.0: found deterministic: true and uniforms: 3, expected only one of them"),
     ("custom, target: 'a:b', params: {limit: 1e400, fine: 1e300}",
