@@ -98,10 +98,10 @@ def _check_decision(policy: Policy, observed: Observed) -> None:
     for field in Observed._fields:
         same = _same(getattr(observed, field), getattr(seen, field))
         assert same, f"decide changed the {field} that it was given"
-    sample, kept = np.array(distribution.sample(observed.uniforms)), memory.copy()
-    _distribution(policy, seen._replace(uniforms=1.0 - seen.uniforms))
+    sample, kept = np.array(distribution.sample(observed.draws)), memory.copy()
+    _distribution(policy, seen._replace(draws=1.0 - seen.draws))
     later = "a later call of decide changed an array that an earlier one returned"
-    assert _same(distribution.sample(observed.uniforms), sample), later
+    assert _same(distribution.sample(observed.draws), sample), later
     assert _same(memory, kept), later
 
 
@@ -114,7 +114,7 @@ def _check_density(policy: Policy, observed: Observed, action: Float32s) -> None
     half, _ = _distribution(policy, observed.apply(lambda x: x[::2].copy()))
     same = np.allclose(half.log_density(action[::2]), density[::2], 1e-6, 1e-6, True)
     assert same, "log_density depends on the other episodes"
-    other, _ = _distribution(policy, observed._replace(uniforms=1.0 - observed.uniforms))
+    other, _ = _distribution(policy, observed._replace(draws=1.0 - observed.draws))
     same = _same(other.log_density(action), density)
     assert same, "the distribution depends on the random numbers of its own step"
 
@@ -138,8 +138,8 @@ def _check_frequencies(policy: Policy, one: Observed, directions: Sequence[Float
     if np.isnan(_distribution(policy, one)[0].log_density(purity.decided(policy, one)[0])).any():
         return  # no density is known
 
-    u = np.random.default_rng(2).random((DRAWS, one.uniforms.shape[1]))
-    many = one.apply(lambda x: np.repeat(x, DRAWS, axis=0))._replace(uniforms=u)
+    u = np.random.default_rng(2).random((DRAWS, one.draws.shape[1]))
+    many = one.apply(lambda x: np.repeat(x, DRAWS, axis=0))._replace(draws=u)
     actions, _ = purity.decided(policy, many)
 
     def distribution(points: Float32s) -> Distribution:

@@ -78,7 +78,7 @@ def refuse_remembered_draws(target: Policy) -> None:
     """Raise UsageError for a target that remembers random numbers, because no data have these numbers."""
     for policy in target.everywhere(Policy):
         needs = getattr(policy, "own_needs", policy.needs)  # without those of a base
-        if needs.memory and (needs.step_draws or policy.needs.episode_draws):
+        if needs.memory and (needs.draws or policy.needs.episode_draws):
             raise UsageError(
                 f"policy {target.label}: found {policy.kind}, which has a memory and random numbers, "
                 "expected only one of them: no data have numbers that it may remember; use `history` in "
@@ -156,14 +156,14 @@ class _Densities(NamedTuple):
 
 def _of_target(episodes: Episodes, recorded: Recorded) -> tuple[_Densities, Float32s]:
     """What the target says of recorded actions, and of those (n, steps, 3) that it draws there."""
-    steps, draws, purpose = recorded.actions.shape[1], episodes.policy.needs.step_draws, Purpose.TRIAL
-    uniforms = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, steps, draws).swapaxes(0, 1)
+    steps, count, purpose = recorded.actions.shape[1], episodes.policy.needs.draws, Purpose.TRIAL
+    draws = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, steps, count).swapaxes(0, 1)
 
     def densities_and_draws(distribution: Distribution, actions: Float32s, u: Floats) -> tuple[Any, ...]:
         drawn = applied(distribution.sample(u))
         return *_densities(distribution, actions, drawn), drawn
 
-    *densities, drawn = replay(episodes, *recorded, densities_and_draws, recorded.actions, uniforms)
+    *densities, drawn = replay(episodes, *recorded, densities_and_draws, recorded.actions, draws)
     return _Densities(*densities), drawn
 
 

@@ -36,13 +36,13 @@ class Needs(NamedTuple):
 
     Attributes:
         history: the latest observations that it sees, 0 for none, and as many of the latest actions.
-        step_draws: uniform random numbers at each step.
+        draws: uniform random numbers at each step.
         episode_draws: uniform random numbers that are drawn once for an episode.
         memory: numbers that it remembers from one step to the next.
     """
 
     history: int = 1
-    step_draws: int = 0
+    draws: int = 0
     episode_draws: int = 0
     memory: int = 0
 
@@ -56,8 +56,8 @@ class Observed(NamedTuple):
         actions: the actions that led to these observations, float32 (n, history, 3), so the last action
             first. Before an episode's first action they are zero.
         step: the step of each episode, counted from 0, int64 (n,).
-        uniforms: independent random numbers, uniform on (0, 1), float64 (n, step_draws).
-        episode_uniforms: random numbers of the episode, which are the same at each of its steps, float64
+        draws: independent random numbers, uniform on (0, 1), float64 (n, draws).
+        episode_draws: random numbers of the episode, which are the same at each of its steps, float64
             (n, episode_draws).
         memory: the numbers that the policy returned at the step before, float64 (n, memory); zeros at the
             start of an episode.
@@ -66,8 +66,8 @@ class Observed(NamedTuple):
     observations: Float32s
     actions: Float32s
     step: Steps
-    uniforms: Floats
-    episode_uniforms: Floats
+    draws: Floats
+    episode_draws: Floats
     memory: Floats
 
     def apply(self, change: Callable[[Any], Any]) -> Observed:
@@ -80,8 +80,8 @@ class Observed(NamedTuple):
             np.ascontiguousarray(self.observations[:, : needs.history]),
             np.ascontiguousarray(self.actions[:, : needs.history]),
             self.step,
-            np.ascontiguousarray(self.uniforms[:, : needs.step_draws]),
-            np.ascontiguousarray(self.episode_uniforms[:, : needs.episode_draws]),
+            np.ascontiguousarray(self.draws[:, : needs.draws]),
+            np.ascontiguousarray(self.episode_draws[:, : needs.episode_draws]),
             np.ascontiguousarray(self.memory[:, : needs.memory]),
         )
 
@@ -241,7 +241,7 @@ def is_deterministic(policy: Policy) -> TypeGuard[Deterministic]:
     return isinstance(policy, Deterministic) or getattr(policy, "deterministic", False)
 
 
-def at_start(observations: Float32s, needs: Needs, uniforms: Floats | None = None) -> Observed:
+def at_start(observations: Float32s, needs: Needs, draws: Floats | None = None) -> Observed:
     """What a policy is given at the first step of n episodes with these observations (n, history, 6).
 
     Random numbers are ½ where none are given.
@@ -254,7 +254,7 @@ def at_start(observations: Float32s, needs: Needs, uniforms: Floats | None = Non
         observations,
         np.zeros((n, history, 3), dtype=np.float32),
         np.zeros(n, dtype=np.int64),
-        np.full((n, needs.step_draws), 0.5) if uniforms is None else uniforms,
+        np.full((n, needs.draws), 0.5) if draws is None else draws,
         np.full((n, needs.episode_draws), 0.5),
         np.zeros((n, needs.memory)),
     )

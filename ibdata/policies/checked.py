@@ -123,9 +123,9 @@ def ask(policy: Policy, observed: Observed) -> tuple[Distribution, Floats]:
     if not isinstance(action, Distribution):
         plain = actions(action, len(observed.step))
         return (Certain if is_deterministic(policy) else Unknown)(plain), kept
-    if action.draws > observed.uniforms.shape[1]:
+    if action.draws > observed.draws.shape[1]:
         raise AnswerError(
-            f"found a {type(action).__name__} and needs.step_draws {observed.uniforms.shape[1]}, expected at "
+            f"found a {type(action).__name__} and needs.draws {observed.draws.shape[1]}, expected at "
             f"least {action.draws}, the random numbers that it takes"
         )
     is_own = type(action).__module__.startswith("ibdata.")

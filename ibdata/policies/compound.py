@@ -72,7 +72,7 @@ class Wrapper(Policy):
         base, further = self.base.needs, self.own_needs
         return Needs(
             max(base.history, further.history),
-            base.step_draws + further.step_draws,
+            base.draws + further.draws,
             base.episode_draws + further.episode_draws,
             base.memory + further.memory,
         )
@@ -81,8 +81,8 @@ class Wrapper(Policy):
         """The random numbers and the memory that the base does not use."""
         base = self.base.needs
         return observed._replace(
-            uniforms=np.ascontiguousarray(observed.uniforms[:, base.step_draws :]),
-            episode_uniforms=np.ascontiguousarray(observed.episode_uniforms[:, base.episode_draws :]),
+            draws=np.ascontiguousarray(observed.draws[:, base.draws :]),
+            episode_draws=np.ascontiguousarray(observed.episode_draws[:, base.episode_draws :]),
             memory=np.ascontiguousarray(observed.memory[:, base.memory :]),
         )
 
@@ -93,7 +93,7 @@ class Wrapper(Policy):
     def base_action(self, observed: Observed) -> tuple[Float32s, Floats]:
         """The actions (n, 3) of a base that draws nothing, clipped and rounded, and its memory."""
         distribution, memory = self.base_distribution(observed)
-        return applied(distribution.sample(observed.uniforms)), memory
+        return applied(distribution.sample(observed.draws)), memory
 
 
 SimplePolicy = Annotated[Policy, OneOf(lambda policy: not issubclass(policy, Wrapper | Choice))]
@@ -111,7 +111,7 @@ class EpsilonGreedy(Wrapper):
     we infer that the published Industrial Benchmark data were made in the same way.
     """
 
-    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=4)  # one that decides, three for the action
+    own_needs: ClassVar[Needs] = Needs(history=0, draws=4)  # one that decides, three for the action
 
     kind: Literal["epsilon_greedy"] = "epsilon_greedy"
     base: Annotated[SimplePolicy, Unnamed] = Field(description="the policy whose actions are replaced")
@@ -120,7 +120,7 @@ class EpsilonGreedy(Wrapper):
     def decide(self, observed: Observed) -> Decision:
         base, memory = self.base_distribution(observed)
         epsilon = np.full(len(observed.step), self.epsilon)
-        return Decision(OrUniform(epsilon, base, first=self.base.needs.step_draws), memory)
+        return Decision(OrUniform(epsilon, base, first=self.base.needs.draws), memory)
 
 
 Numbers = npt.NDArray[np.int64]
@@ -152,7 +152,7 @@ class Choice(Policy):
         choice, needs = self.own_needs, [policy.needs for policy in self.inner]
         return Needs(
             history=max(n.history for n in needs),
-            step_draws=max(n.step_draws for n in needs) + choice.step_draws,
+            draws=max(n.draws for n in needs) + choice.draws,
             episode_draws=sum(n.episode_draws for n in needs) + choice.episode_draws,
             memory=max(n.memory for n in needs),
         )
@@ -162,8 +162,8 @@ class Choice(Policy):
         for policy, episodes, part in self._parts(observed):
             distribution, remembered = ask(policy, part)
             memory[episodes, : part.memory.shape[1]] = remembered
-            groups.append(Group(episodes, distribution, policy.needs.step_draws))
-        return Decision(ByRow(groups, self.needs.step_draws), memory)
+            groups.append(Group(episodes, distribution, policy.needs.draws))
+        return Decision(ByRow(groups, self.needs.draws), memory)
 
     def _parts(self, observed: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
         """Yield each policy that acts in some episodes, their numbers, and what it is given."""
@@ -173,7 +173,7 @@ class Choice(Policy):
         for number, policy in enumerate(self.inner):
             needs, rows = policy.needs, np.flatnonzero(which == number)
             if len(rows):
-                part = begun._replace(episode_uniforms=observed.episode_uniforms[:, first:]).cut(needs)
+                part = begun._replace(episode_draws=observed.episode_draws[:, first:]).cut(needs)
                 yield policy, rows, part if len(rows) == len(step) else part.apply(itemgetter(rows))
             first += needs.episode_draws
 
@@ -214,7 +214,7 @@ class PolicyMixture(Choice):
         return np.searchsorted(bounds, u, side="right").astype(np.int64)
 
     def chosen(self, observed: Observed) -> Numbers:
-        return self.member(observed.episode_uniforms[:, 0])
+        return self.member(observed.episode_draws[:, 0])
 
     @model_validator(mode="after")
     def _check(self) -> PolicyMixture:
@@ -264,7 +264,7 @@ class Schedule(Choice):
     @property
     def own_needs(self) -> Needs:
         """If actions are replaced, four draws: one that decides, three for the action."""
-        return Needs(history=0, step_draws=4 * self.explores)
+        return Needs(history=0, draws=4 * self.explores)
 
     def chosen(self, observed: Observed) -> Numbers:
         return np.searchsorted(self._starts[1:], observed.step, side="right").astype(np.int64)
@@ -277,7 +277,7 @@ class Schedule(Choice):
         if not self.explores:
             return decision
         stages: Any = decision.action
-        first = self.needs.step_draws - self.own_needs.step_draws
+        first = self.needs.draws - self.own_needs.draws
         return decision._replace(action=OrUniform(self.epsilon(observed), stages, first))
 
     def epsilon(self, observed: Observed) -> Floats:

@@ -50,7 +50,7 @@ class Custom(UserObject):
     The target is an object with `decide(observed)`, `act(history, u)` or `predict(observations)`, a torch
     module, or a function whose first parameter is `observations`; any other function, and a class, makes such
     an object from `params`. It must act in each episode as if it were alone, and draw random numbers from `u`
-    or `uniforms` only: ibdata checks that before a run. With `deterministic: true`, you promise that it draws
+    or `draws` only: ibdata checks that before a run. With `deterministic: true`, you promise that it draws
     none of any kind. Then `action_log_prob` is known, and the policy may be the `base` of `gaussian`.
     """
 
@@ -148,10 +148,10 @@ class Custom(UserObject):
             refuse_density(actor)
         except TypeError as error:
             raise PolicyError(f"{self.target}: {error}") from None
-        needs = needs_of(actor, self.history, self.uniforms)
+        needs = needs_of(actor, self.history, self.draws)
         for option, number, least in (
             ("history", self.history, needs.history),
-            ("uniforms", self.uniforms, needs.step_draws),
+            ("draws", self.draws, needs.draws),
         ):
             if number < least:
                 raise PolicyError(

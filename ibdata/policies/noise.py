@@ -26,7 +26,7 @@ class Gaussian(Wrapper):
     The base must be deterministic, because a random base would give no simple density.
     """
 
-    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=3)
+    own_needs: ClassVar[Needs] = Needs(history=0, draws=3)
 
     kind: Literal["gaussian"] = "gaussian"
     base: Annotated[DeterministicBase, Unnamed, DrawsNothing] = Field(description="a deterministic policy")
@@ -47,7 +47,7 @@ class OrnsteinUhlenbeck(Wrapper):
     motion; for exploration, with these defaults, Lillicrap et al. 2016 (arXiv 1509.02971), section 7.
     """
 
-    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=3, memory=3)  # the memory is x
+    own_needs: ClassVar[Needs] = Needs(history=0, draws=3, memory=3)  # the memory is x
 
     kind: Literal["ornstein_uhlenbeck"] = "ornstein_uhlenbeck"
     base: Annotated[DeterministicBase, Unnamed, DrawsNothing] = Field(
@@ -63,7 +63,7 @@ class OrnsteinUhlenbeck(Wrapper):
     def decide(self, observed: Observed) -> Decision:
         (base, memory), process = self.base_action(observed), self.beyond_base(observed)
         mean = base + (1.0 - self.theta) * process.memory
-        x = _moved(process.memory, process.uniforms, self.theta, self.sigma)
+        x = _moved(process.memory, process.draws, self.theta, self.sigma)
         return Decision(ClippedNormal(mean, self.sigma), np.concatenate([memory, x], axis=1))
 
 
@@ -83,7 +83,7 @@ class Sticky(Wrapper):
     Learning Environment, where sticky actions belong to the environment.
     """
 
-    own_needs: ClassVar[Needs] = Needs(history=1, step_draws=1)
+    own_needs: ClassVar[Needs] = Needs(history=1, draws=1)
 
     kind: Literal["sticky"] = "sticky"
     base: Annotated[AnyPolicy, Unnamed] = Field(description="the policy whose actions are repeated")
@@ -93,4 +93,4 @@ class Sticky(Wrapper):
         base, memory = self.base_distribution(observed)
         kappa = np.where(observed.step > 0, self.kappa, 0.0)  # at the first step there is nothing to repeat
         last = Certain(observed.actions[:, 0])
-        return Decision(OrCertain(kappa, base, last, first=self.base.needs.step_draws), memory)
+        return Decision(OrCertain(kappa, base, last, first=self.base.needs.draws), memory)

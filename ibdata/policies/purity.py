@@ -60,7 +60,7 @@ def played(
     memory = np.zeros((len(rows), needs.memory))
     drawn = draws(len(history), needs.episode_draws, 1)[rows]
     for t in range(steps):
-        u = draws(len(history), needs.step_draws, 10 * t)[rows]
+        u = draws(len(history), needs.draws, 10 * t)[rows]
         seen, step = np.roll(history, t, axis=0)[rows], np.full(len(rows), t)
         observed = Observed(seen, actions_before, step, u, drawn, memory)
         actions, memory = decided(policy, observed)
@@ -73,7 +73,7 @@ def decided(policy: Policy, observed: Observed) -> tuple[Float32s, Floats]:
     given, out = observed.apply(np.copy), np.empty((len(observed.step), 3), dtype=np.float32)
     try:
         distribution, memory = ask(policy, given)
-        act(distribution, given.uniforms, out)
+        act(distribution, given.draws, out)
     except BaseException as error:
         raise_placed(error, policy.label, observed)
     return out, memory.copy()

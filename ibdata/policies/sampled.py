@@ -35,7 +35,7 @@ class Sampled(Wrapper):
     2102.00714) were made in this way, with a share of 0.2.
     """
 
-    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=4)  # one that decides, three for the draw
+    own_needs: ClassVar[Needs] = Needs(history=0, draws=4)  # one that decides, three for the draw
 
     kind: Literal["sampled"] = "sampled"
     base: Annotated[Network, Unnamed, AfterValidator(_with_deviation)] = Field(description="a network")

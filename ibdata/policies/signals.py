@@ -44,7 +44,7 @@ class Prbs(Deterministic):
     def decide(self, observed: Observed) -> Decision:
         signs = sequence(self.order)
         length = len(signs)
-        start = np.floor(observed.episode_uniforms[:, 0] * (length * self.hold)).astype(np.int64)
+        start = np.floor(observed.episode_draws[:, 0] * (length * self.hold)).astype(np.int64)
         bit = (start + observed.step) // self.hold
         apart = np.arange(3) * (length // 3)
         return Decision(self.amplitude * signs[(bit[:, None] + apart) % length], observed.memory)
@@ -88,7 +88,7 @@ class Multisine(Deterministic):
     amplitude: Amplitude = Field(default=1.0, description="the highest peak")
 
     def decide(self, observed: Observed) -> Decision:
-        start = np.floor(observed.episode_uniforms[:, 0] * self.period).astype(np.int64)
+        start = np.floor(observed.episode_draws[:, 0] * self.period).astype(np.int64)
         signals = waves(self.sines, self.period)
         return Decision(self.amplitude * signals[(start + observed.step) % self.period], observed.memory)
 

@@ -32,7 +32,7 @@ class UserObject(Policy):
     history: Annotated[int, Field(strict=True, ge=1, le=10_000)] = Field(
         default=1, description="number of observations that it sees"
     )
-    uniforms: Annotated[int, Field(strict=True, ge=0, le=10_000)] = Field(
+    draws: Annotated[int, Field(strict=True, ge=0, le=10_000)] = Field(
         default=0, description="number of uniform random numbers per step for act and decide"
     )
     deterministic: bool = Field(
@@ -43,9 +43,9 @@ class UserObject(Policy):
 
     @model_validator(mode="after")
     def _refuse_draws(self) -> UserObject:
-        if self.deterministic and self.uniforms:
+        if self.deterministic and self.draws:
             raise ValueError(
-                f"found deterministic: true and uniforms: {self.uniforms}, expected only "
+                f"found deterministic: true and draws: {self.draws}, expected only "
                 "one of them, because a deterministic policy draws nothing"
             )
         return self
@@ -58,8 +58,8 @@ class UserObject(Policy):
     @property
     def needs(self) -> Needs:
         """The options; an object with `decide` also says what it remembers and draws for an episode."""
-        needs = needs_of(self.adapter.target, self.history, self.uniforms)
-        return needs._replace(history=self.history, step_draws=self.uniforms)
+        needs = needs_of(self.adapter.target, self.history, self.draws)
+        return needs._replace(history=self.history, draws=self.draws)
 
     def loaded(self, acting: Acting) -> Self:
         acting.callback(os.chdir, acting.folder)  # the object may go elsewhere
@@ -158,7 +158,7 @@ class ObjectPolicy(UserObject):
         if isinstance(target, str) or not can_act(target):
             return data
         needs, name = needs_of(target), target.name if isinstance(target, Policy) else None
-        return {"history": max(1, needs.history), "uniforms": needs.step_draws, "name": name, **data}
+        return {"history": max(1, needs.history), "draws": needs.draws, "name": name, **data}
 
     @cached_property
     def inner(self) -> tuple[Policy, ...]:

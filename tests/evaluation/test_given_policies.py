@@ -262,7 +262,7 @@ def test_a_density_cannot_change_the_actions_that_are_stored(tmp_path):
             return np.zeros(len(action))
 
     class Noisy:
-        needs = Needs(step_draws=3)
+        needs = Needs(draws=3)
 
         def decide(self, observed):
             return Decision(Changing(), observed.memory)

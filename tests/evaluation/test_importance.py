@@ -184,7 +184,7 @@ def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
 class Near:
     """Acts near the mean of what it saw and did, and keeps how many frames it saw at a time."""
 
-    needs = Needs(history=3, step_draws=3)
+    needs = Needs(history=3, draws=3)
 
     def __init__(self):
         self.frames = []
@@ -256,7 +256,7 @@ class InCorner(Distribution):
 
 
 class Corner:
-    needs = Needs(step_draws=3)
+    needs = Needs(draws=3)
 
     def decide(self, observed):
         return Decision(InCorner(), observed.memory)
@@ -284,7 +284,7 @@ class Anywhere(Distribution):
 
 
 class Inside:
-    needs = Needs(step_draws=3)
+    needs = Needs(draws=3)
 
     def decide(self, observed):
         return Decision(Anywhere(), observed.memory)

@@ -23,7 +23,7 @@ NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
 class Recalling(Policy):
     """Does nothing, records what it is given, and counts its steps and sums past actions in its memory."""
 
-    needs: ClassVar[Needs] = Needs(history=2, step_draws=1, episode_draws=1, memory=2)
+    needs: ClassVar[Needs] = Needs(history=2, draws=1, episode_draws=1, memory=2)
     given: ClassVar[list] = []
 
     kind: Literal["recalling"] = "recalling"
@@ -69,7 +69,7 @@ def test_a_branch_goes_on_with_noise_of_its_own(either, discount):
 
 
 def test_a_live_object_has_the_same_random_numbers_at_each_call(dataset):
-    block = {"kind": "custom", "target": Deciding(), "uniforms": 3}
+    block = {"kind": "custom", "target": Deciding(), "draws": 3}
     first, again = (branches(dataset, {"episode": [4], "step": [17]}, block) for _ in range(2))
     np.testing.assert_array_equal(first, again)
 
@@ -118,8 +118,8 @@ def test_a_policy_knows_what_it_would_have_seen(dataset, monkeypatch):
     sums = [moved[:19].sum(dtype=float), moved[:2].sum(dtype=float)]
     np.testing.assert_allclose(first.memory[[0, 2]], [[20, sums[0]], [3, sums[1]]], rtol=1e-6)
     np.testing.assert_array_equal(second.memory[:, 0], first.memory[:, 0] + 1)
-    assert (first.episode_uniforms == drawn).all()
-    assert len(np.unique([first.uniforms, second.uniforms])) == 8
+    assert (first.episode_draws == drawn).all()
+    assert len(np.unique([first.draws, second.draws])) == 8
 
 
 def test_nothing_but_the_address_matters(dataset):

@@ -100,7 +100,7 @@ class Drawing:
         return 2.0 * u - 1.0
 
 
-DRAWING = {"kind": "custom", "uniforms": 3}
+DRAWING = {"kind": "custom", "draws": 3}
 TWO = {"name": "x", "setpoints": 70, "steps": 4}
 ELSEWHERE = """
 import sys

@@ -200,7 +200,7 @@ FAST = """
 def test_machine_code_of_other_files_does_not_run(here, ibdata):
     """numba's cache knows a function's own file, not those whose numbers it compiles in."""
     (here / "mine.py").write_text(textwrap.dedent(FAST))
-    policy = {"kind": "custom", "target": "mine:Own", "uniforms": 3}
+    policy = {"kind": "custom", "target": "mine:Own", "draws": 3}
     (here / "own.yaml").write_text(json.dumps({**PLAIN, "policies": [policy]}))
     (here / "policy.yaml").write_text(json.dumps(policy))
     returns = []

@@ -18,7 +18,7 @@ from ibdata.policies.code import Acting
 Actions = npt.NDArray[np.float32]
 BAD, SAFE, RANDOM = {"kind": "bad"}, {"kind": "safe"}, {"kind": "random"}
 BASE = {"kind": "constant", "action": [0.5, -1.0, 0.1]}
-CODE = {"kind": "custom", "target": "ibdata.policies.baselines:Safe", "uniforms": 5}  # code that everyone has
+CODE = {"kind": "custom", "target": "ibdata.policies.baselines:Safe", "draws": 5}  # code that everyone has
 SURE = {"kind": "custom", "target": "ibdata.policies.baselines:Mediocre", "deterministic": True}
 NETWORK = {"kind": "network", "file": "actor.safetensors"}  # see `networks.actor`
 NOISE = {"kind": "ornstein_uhlenbeck", "base": BASE, "theta": 0.5, "sigma": 0.6}
@@ -73,7 +73,7 @@ def distribution(policy, observed):
 
 def drawn(policy, observed):
     """The actions that a policy draws, before they are clipped."""
-    return np.asarray(distribution(policy, observed).sample(observed.uniforms))
+    return np.asarray(distribution(policy, observed).sample(observed.draws))
 
 
 def proposed(policy, history, u=None):
@@ -98,7 +98,7 @@ def playing(policy: Policy, n: int, steps: int, seed: int = 0) -> Iterator[tuple
     done, memory = np.zeros((n, frames, 3), dtype=np.float32), np.zeros((n, policy.needs.memory))
     drawn = random.random((n, policy.needs.episode_draws))
     for t in range(steps):
-        u = random.random((n, policy.needs.step_draws))
+        u = random.random((n, policy.needs.draws))
         observed = Observed(seen, done, np.full(n, t), u, drawn, memory)
         distribution, memory = ask(policy, observed)
         actions = np.clip(np.asarray(distribution.sample(u)), -1.0, 1.0).astype(np.float32)

@@ -79,11 +79,9 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
         memory = np.zeros((60, alone.needs.memory))
         for given, action in steps:
             # One draw of an episode chooses the policy; the next is that of prbs, which alone needs any.
-            own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(
-                alone.needs
-            )
+            own = given._replace(episode_draws=given.episode_draws[:, 1:], memory=memory).cut(alone.needs)
             one, memory = ask(alone, own)
-            np.testing.assert_array_equal(action[mine], applied(one.sample(own.uniforms))[mine])
+            np.testing.assert_array_equal(action[mine], applied(one.sample(own.draws))[mine])
             density, found = one.log_density(action), distribution(mixture, given).log_density(action)
             np.testing.assert_array_equal(found[mine], density[mine])
 

@@ -120,7 +120,7 @@ def test_arrays_that_cannot_be_written_are_enough(block):
     seen = given.apply(read_only)
     (one, memory), (other, same_memory) = (ask(policy, each) for each in (seen, given))
     np.testing.assert_array_equal(memory, same_memory)
-    np.testing.assert_array_equal(one.sample(seen.uniforms), other.sample(given.uniforms))
+    np.testing.assert_array_equal(one.sample(seen.draws), other.sample(given.draws))
     found = one.log_density(read_only(action))
     np.testing.assert_array_equal(found, other.log_density(action))
     assert np.isfinite(found).all()
@@ -150,12 +150,12 @@ from ibdata.policies.base import Decision, Needs, Policy
 class Ramp(Policy):
     """A slope, and a little noise."""
 
-    needs: ClassVar[Needs] = Needs(step_draws=1)
+    needs: ClassVar[Needs] = Needs(draws=1)
     kind: Literal["ramp"] = "ramp"
     slope: float = 0.25
 
     def decide(self, given):
-        return Decision(np.full((len(given.step), 3), self.slope) + 0.0 * given.uniforms, given.memory)
+        return Decision(np.full((len(given.step), 3), self.slope) + 0.0 * given.draws, given.memory)
 '''
 CHILD = """
 from ibdata.experiment import Experiment

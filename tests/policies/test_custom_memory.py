@@ -34,8 +34,8 @@ def make(mine):
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("Centred", {"uniforms": 3, "params": {"theta": 0.3}}),
-        ("Resetting", {"uniforms": 3}),
+        ("Centred", {"draws": 3, "params": {"theta": 0.3}}),
+        ("Resetting", {"draws": 3}),
     ],
 )
 def test_the_root_is_the_same_over_files_workers_and_repair(make, shard_file, name, options):
@@ -51,14 +51,14 @@ def test_the_root_is_the_same_over_files_workers_and_repair(make, shard_file, na
 
 @pytest.mark.usefixtures("make")
 def test_the_options_must_give_what_an_object_needs():
-    line = "found uniforms: 0, expected at least the needs of Centred; write uniforms: 3"
+    line = "found draws: 0, expected at least the needs of Centred; write draws: 3"
     with pytest.raises(PolicyError, match=line):
         ibdata.evaluate({"kind": "custom", "target": "remembering.py:Centred"}, steps=2, episodes=2)
 
 
 def test_a_live_object_that_sees_nothing_is_generated(tmp_path):
     class Blind:
-        needs = Needs(history=0, step_draws=3)
+        needs = Needs(history=0, draws=3)
 
         def decide(self, observed):
             return Decision(Uniform(), observed.memory)

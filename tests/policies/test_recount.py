@@ -50,7 +50,7 @@ def draws(policy):
     random = np.random.default_rng(1)
     for i in range(STATES):
         many = given.apply(lambda x, i=i: np.repeat(x[i : i + 1], N, axis=0))
-        many = many._replace(uniforms=random.random(many.uniforms.shape))
+        many = many._replace(draws=random.random(many.draws.shape))
         yield many, applied(drawn(policy, many))
 
 

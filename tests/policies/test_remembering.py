@@ -38,7 +38,7 @@ def test_what_is_remembered_is_the_same_in_any_block(make, monkeypatch):
 
 
 def test_a_live_object_has_the_same_random_numbers_at_each_call():
-    block = {"kind": "custom", "target": Resetting(), "uniforms": 3}
+    block = {"kind": "custom", "target": Resetting(), "draws": 3}
     for each in (block, {"kind": "sticky", "base": block, "kappa": 0.2}):
         assert returns(each) == returns(each)
 
@@ -179,7 +179,7 @@ def test_a_remembering_object_is_asked_in_order(steps, asked):
 
 def test_a_remembering_object_acts_in_one_place(tmp_path):
     one = Resetting()
-    live = {"kind": "custom", "target": one, "uniforms": 3}
+    live = {"kind": "custom", "target": one, "draws": 3}
     twice = {"kind": "mixture", "bases": [live, {"kind": "sticky", "base": live, "kappa": 0.5}]}
     for call in (
         lambda: returns(twice),

@@ -35,7 +35,7 @@ def drawn(policy, n):
     """What a policy is given in n states, and its actions."""
     rng = np.random.default_rng(0)
     given = at_start(rng.uniform(0.0, 100.0, (n, 1, 6)).astype(np.float32), policy.needs, rng.random((n, 4)))
-    return given, applied(distribution(policy, given).sample(given.uniforms))
+    return given, applied(distribution(policy, given).sample(given.draws))
 
 
 def density(action, mean, log_std, by_tanh=True):
@@ -53,7 +53,7 @@ def test_log_deviations_are_bounded_as_the_file_says(sampled, way, given, expect
     seen = at_start(np.zeros((1, 1, 6), np.float32), Needs(), np.array([[0.5, 0.8, 0.8, 0.8]]))
     z = 0.8416212335729143  # Φ⁻¹(0.8)
     np.testing.assert_allclose(
-        distribution(policy, seen).sample(seen.uniforms)[0], z * np.exp(expected), rtol=1e-4
+        distribution(policy, seen).sample(seen.draws)[0], z * np.exp(expected), rtol=1e-4
     )
 
 

@@ -209,7 +209,7 @@ class Around(Policy):
     base: AnyPolicy
 
     def decide(self, observed):
-        return Decision(-ask(self.base, observed)[0].sample(observed.uniforms), observed.memory)
+        return Decision(-ask(self.base, observed)[0].sample(observed.draws), observed.memory)
 
 
 def test_a_policy_of_a_user_may_be_made_of_objects(tmp_path):
@@ -239,7 +239,7 @@ def test_a_deviation_for_each_episode_has_a_column(episodes):
     """One of shape (n,) is refused, however many episodes there are, before it acts in any."""
 
     class Noisy:
-        needs = Needs(step_draws=3)
+        needs = Needs(draws=3)
 
         def __init__(self, *columns):
             self.columns = columns

@@ -114,7 +114,7 @@ def test_draws_have_the_density_of_stable_baselines(file, history, algorithm):
     policy = Sampled(base=saved(file, model, **SCALING), share=1.0)
     given = at_start(history, policy.needs, np.random.default_rng(1).random((len(history), 4)))
     distribution, _ = ask(policy, given)
-    action = applied(distribution.sample(given.uniforms))
+    action = applied(distribution.sample(given.draws))
     inside = (np.abs(action) < 0.99).all(axis=1)
     seen, done = (torch.as_tensor(x[inside]) for x in (scaled(history), action))
     with torch.no_grad():
