@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ibdata.arguments import public
 from ibdata.errors import PolicyError
 from ibdata.evaluation.policies import as_policy, loaded
-from ibdata.policies import Observed, Policy, purity
+from ibdata.policies import Observed, Policy, checked
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
 from ibdata.policies.checked import AnswerError, ask, raise_placed
@@ -69,10 +69,10 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
     policy = as_policy(policy, history)
     with loaded([policy]) as [policy]:
         if not any(policy.everywhere(UserObject)):  # of which `loaded` has made sure
-            purity.refuse_impure(policy, exact=True)
-        seen = purity.histories(ROWS, policy.needs.history) if histories is None else histories
+            checked.refuse_impure(policy, exact=True)
+        seen = checked.histories(ROWS, policy.needs.history) if histories is None else histories
         in_order = any(part.remembers for part in policy.everywhere(UserObject))
-        for observed, actions in list(purity.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
+        for observed, actions in list(checked.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
             try:
                 _check_decision(policy, observed)
                 _check_density(policy, observed, actions)
@@ -135,12 +135,12 @@ def _check_values(policy: Policy, distribution: Distribution, action: Float32s, 
 
 def _check_frequencies(policy: Policy, one: Observed, directions: Sequence[Floats]) -> None:
     """Compare shares of many draws in one situation with the probabilities that the density gives them."""
-    if np.isnan(_distribution(policy, one)[0].log_density(purity.decided(policy, one)[0])).any():
+    if np.isnan(_distribution(policy, one)[0].log_density(checked.decided(policy, one)[0])).any():
         return  # no density is known
 
     u = np.random.default_rng(2).random((DRAWS, one.draws.shape[1]))
     many = one.apply(lambda x: np.repeat(x, DRAWS, axis=0))._replace(draws=u)
-    actions, _ = purity.decided(policy, many)
+    actions, _ = checked.decided(policy, many)
 
     def distribution(points: Float32s) -> Distribution:
         return _distribution(policy, many.apply(lambda x: x[: len(points)].copy()))[0]

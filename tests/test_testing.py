@@ -19,7 +19,7 @@ from ibdata.policies import (
     Distribution,
     Needs,
     Policy,
-    purity,
+    checked,
 )
 from ibdata.testing import check_policy
 
@@ -319,9 +319,9 @@ def test_a_density_of_another_shape_is_said(draw, right, wrong):
 
         return faulty(Coin, needs=Needs(draws=4), sides=Stated)
 
-    check_policy(policy(right), purity.histories(16, 1))
+    check_policy(policy(right), checked.histories(16, 1))
     with pytest.raises(AssertionError, match=r"log_density (is not that of the draws: if|gives actions)"):
-        check_policy(policy(wrong), purity.histories(16, 1))
+        check_policy(policy(wrong), checked.histories(16, 1))
 
 
 class ForgetsClipping(ClippedNormal):

@@ -19,10 +19,9 @@ from ibdata.numerics.naming import unequal
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
 from ibdata.policies.adapter import EXPECTED, can_act, has_needs
 from ibdata.policies.base import refuse_density
+from ibdata.policies.checked import refuse_impure
 from ibdata.policies.code import Acting
-from ibdata.policies.custom import TARGET, Custom
-from ibdata.policies.purity import refuse_impure
-from ibdata.policies.user_object import ObjectPolicy, UserObject, refuse_shared
+from ibdata.policies.user_object import TARGET, Custom, ObjectPolicy, UserObject, refuse_shared
 from ibdata.policies.weights_file import SUFFIX
 from ibdata.views.options import PLAIN, ViewOptions
 

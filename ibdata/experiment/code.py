@@ -19,8 +19,7 @@ from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies.code import file_of, is_installed, refuse_within_itself, two_places
-from ibdata.policies.custom import Custom
-from ibdata.policies.user_object import ObjectPolicy, UserObject
+from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 from ibdata.system import processes
 from ibdata.system.files import file_sha256
 

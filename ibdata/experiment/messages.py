@@ -14,7 +14,7 @@ from ibdata.errors import ConfigError, Loc, Problems, meant, suggestion
 from ibdata.experiment.fields import LICENCE, LICENCE_PATTERN, SHARE_PATTERN
 from ibdata.numerics.naming import NAME_PATTERN
 from ibdata.policies import POLICIES
-from ibdata.policies.custom import TARGET, TARGET_MEANT
+from ibdata.policies.user_object import TARGET, TARGET_MEANT
 from ibdata.policies.weights_file import SHA256
 
 # type of an error → what was expected; the context of the error fills the braces

@@ -24,8 +24,7 @@ from typing import Any, NamedTuple, Protocol
 from ibdata.errors import IbdataError, notice
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Acting, is_fresh
-from ibdata.policies.custom import Custom
-from ibdata.policies.user_object import ObjectPolicy, UserObject
+from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 from ibdata.system import processes
 from ibdata.system.signals import held
 

@@ -15,8 +15,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.process import Process, Progress, Worker
-from ibdata.policies.custom import Custom
-from ibdata.policies.user_object import ObjectPolicy
+from ibdata.policies.user_object import Custom, ObjectPolicy
 from ibdata.system.processes import available_processors
 from ibdata.system.signals import check, held
 from ibdata.writing.columns import Piece, simulated

@@ -1,36 +1,82 @@
-"""Policies made of others: a base whose actions are replaced, and one of several that acts."""
+"""Policies within others: their types; a base whose actions are replaced; and one of several that acts."""
 
 from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from itertools import accumulate
 from operator import itemgetter
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Union
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import no_info_before_validator_function
 
 from ibdata.numerics.naming import unequal
 from ibdata.policies.actions import applied
+from ibdata.policies.adapter import can_act
 from ibdata.policies.base import (
     Decision,
-    Float32s,
-    Floats,
+    Deterministic,
     FrozenModel,
     Needs,
     Observed,
     Policy,
-    Steps,
     is_deterministic,
 )
 from ibdata.policies.checked import ask
-from ibdata.policies.distributions import ByRow, Distribution, Group
-from ibdata.policies.kinds import AnyPolicy, OneOf
+from ibdata.policies.distributions import ByRow, Distribution, Float32s, Floats, Group
 from ibdata.policies.replaced import OrUniform
+
+# By kind, in alphabetical order: the package fills it when all its modules are imported.
+POLICIES: dict[str, type[Policy]] = {}
+
+
+class OneOf:
+    """An annotation of a policy: a block of one of these kinds, its bare name, or an object that acts.
+
+    It asks for the kinds when a block is checked for the first time. All policies are known by then.
+    """
+
+    def __init__(self, is_allowed: Callable[[type[Policy]], bool]) -> None:
+        self._is_allowed = is_allowed
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        kinds = tuple(filter(self._is_allowed, POLICIES.values()))
+        block = handler.generate_schema(Annotated[Union[kinds], Field(discriminator="kind")])  # noqa: UP007
+        return no_info_before_validator_function(_block_of, block)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        block = handler(schema)
+        options = {kind: POLICIES[kind].model_fields.values() for kind in block["discriminator"]["mapping"]}
+        complete = [kind for kind, fields in options.items() if not any(x.is_required() for x in fields)]
+        return {"anyOf": [{"enum": complete, "type": "string"}, block]}
+
+
+def _block_of(value: Any) -> Any:
+    """The block {kind: name} of a name, or that of an object of Python's; anything else as it is."""
+    if isinstance(value, str):
+        return {"kind": value}
+    if isinstance(value, Mapping) and value.get("kind") == "custom" and can_act(value.get("target")):
+        return {**value, "kind": "live"}
+    is_policy = type(value) in POLICIES.values()
+    return {"kind": "live", "target": value} if can_act(value) and not is_policy else value
+
+
+def _may_be_certain(policy: type[Policy]) -> bool:
+    """Whether a policy's actions are certain, or may be so by its option `deterministic`."""
+    return issubclass(policy, Deterministic) or "deterministic" in policy.model_fields
+
+
+AnyPolicy = Annotated[Policy, OneOf(lambda policy: True)]
+DeterministicBase = Annotated[Policy, OneOf(_may_be_certain)]
 
 
 def _without_name(base: Policy) -> Policy:
@@ -137,7 +183,7 @@ class Choice(Policy):
     def chosen(self, observed: Observed) -> Numbers:
         """The number of the policy that acts in each episode, (n,)."""
 
-    def began(self, observed: Observed) -> Steps:
+    def began(self, observed: Observed) -> Numbers:
         """The step of each episode at which the policy that acts began, without memory, (n,)."""
         return np.zeros_like(observed.step)
 
@@ -269,7 +315,7 @@ class Schedule(Choice):
     def chosen(self, observed: Observed) -> Numbers:
         return np.searchsorted(self._starts[1:], observed.step, side="right").astype(np.int64)
 
-    def began(self, observed: Observed) -> Steps:
+    def began(self, observed: Observed) -> Numbers:
         return self._starts[self.chosen(observed)]
 
     def decide(self, observed: Observed) -> Decision:
@@ -290,7 +336,7 @@ class Schedule(Choice):
         return epsilon
 
     @cached_property
-    def _starts(self) -> Steps:
+    def _starts(self) -> Numbers:
         """The first step of each stage."""
         lengths = [0, *(stage.steps or 0 for stage in self.stages[:-1])]
         return np.cumsum(np.array(lengths, dtype=np.int64))

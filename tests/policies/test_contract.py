@@ -17,7 +17,7 @@ from pydantic import ValidationError
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.policies import POLICIES, Decision, Policy, purity
+from ibdata.policies import POLICIES, Decision, Policy, checked
 from ibdata.policies.checked import ask
 from ibdata.testing import check_policy
 
@@ -74,7 +74,7 @@ def test_it_passes_them_at_both_ends_of_each_option(block):
 def test_noise_for_which_actions_are_too_coarse_is_refused(block):
     """At the least, float32 has so many actions that none is drawn again and again; with less, some are."""
     option = "scale" if block["kind"] == "gaussian" else "sigma"
-    check_policy(policy_of({**block, option: 1e-5}), purity.histories(2, 1))
+    check_policy(policy_of({**block, option: 1e-5}), checked.histories(2, 1))
     with pytest.raises(ValidationError, match=f"{option}\\n.* greater than or equal to 0.00001"):
         policy_of({**block, option: 9e-6})
 

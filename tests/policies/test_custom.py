@@ -13,7 +13,7 @@ from helpers.policies import proposed, ready
 import ibdata
 from ibdata.errors import PolicyError, UsageError
 from ibdata.experiment import load
-from ibdata.policies.custom import Custom
+from ibdata.policies.user_object import Custom
 
 
 @pytest.mark.parametrize(

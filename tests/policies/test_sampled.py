@@ -12,9 +12,8 @@ from helpers.policies import distribution
 
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Needs, at_start
-from ibdata.policies.network import TANH_EDGE, Network
-from ibdata.policies.noise import Gaussian
-from ibdata.policies.sampled import ATANH_OF_EDGE, Sampled, log_component, rounded_to
+from ibdata.policies.network import ATANH_OF_EDGE, TANH_EDGE, Network, Sampled, log_component, rounded_to
+from ibdata.policies.signals import Gaussian
 
 COMPONENTS = [(0.3, -1.0), (-1.2, 0.2), (7.0, -2.0), (7.27, 1.0), (-12.0, 0.5)]
 

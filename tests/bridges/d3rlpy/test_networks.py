@@ -21,8 +21,7 @@ from ibdata.evaluation.policies import as_policy
 from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
 from ibdata.policies.checked import ask
-from ibdata.policies.network import Network
-from ibdata.policies.sampled import Sampled
+from ibdata.policies.network import Network, Sampled
 
 FRAMES = 3
 MEAN, STD = [55.0, 49.0, 50.5, 49.5, 37.5, 166.0], [28.0, 12.0, 30.0, 29.0, 31.0, 139.0]
