@@ -111,7 +111,7 @@ class Experiment(FrozenModel):
     def context(self) -> dict[str, Any]:
         """The folder, and the weights of all networks by their SHA-256, so that a copy needs no file."""
         weights = {network.sha256: network.weights for network in self.everywhere(Network)}
-        return {"folder": self.folder, "weights": weights}
+        return {"folder": self._folder, "weights": weights}
 
     @property
     def variant(self) -> Variant:

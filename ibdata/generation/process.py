@@ -71,7 +71,7 @@ class Here:
 
     @cached_property
     def _loaded(self) -> DatasetSpec:
-        return self.spec.loaded(self._acting)
+        return self.spec.loaded(self._acting) if self.spec.policies_of(UserObject) else self.spec
 
     def close(self) -> None:
         """Let no object act from now on."""

@@ -66,8 +66,8 @@ def _block_of(value: Any) -> Any:
         return {"kind": value}
     if isinstance(value, Mapping) and value.get("kind") == "custom" and can_act(value.get("target")):
         return {**value, "kind": "live"}
-    is_policy = type(value) in POLICIES.values()
-    return {"kind": "live", "target": value} if can_act(value) and not is_policy else value
+    is_object = type(value) not in POLICIES.values() and can_act(value)
+    return {"kind": "live", "target": value} if is_object else value
 
 
 def _may_be_certain(policy: type[Policy]) -> bool:

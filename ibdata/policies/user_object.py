@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     Field,
     PlainSerializer,
     PrivateAttr,
@@ -23,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from ibdata.errors import PolicyError, UsageError, excerpt, printable, suggestion
+from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
 from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of
 from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy, refuse_density
 from ibdata.policies.checked import refuse_impure
@@ -149,12 +148,6 @@ def refuse_shared(policy: Policy) -> None:
         )
 
 
-def _acting(target: Any) -> Any:
-    if isinstance(target, str) or can_act(target):
-        return target
-    raise ValueError(f"found {excerpt(target)}, expected {EXPECTED}")
-
-
 def name_of(target: Any) -> str:
     """The name of a function, or of an object's class; that of an object in a record is the target."""
     return target if isinstance(target, str) else getattr(target, "__name__", type(target).__name__)
@@ -168,17 +161,19 @@ class ObjectPolicy(UserObject):
     """
 
     kind: Literal["live"] = "live"
-    target: Annotated[
-        Any, BeforeValidator(_acting), PlainSerializer(name_of, str), WithJsonSchema({"type": "string"})
-    ] = Field(description="the object; in a record the name of its class, or of the function")
+    target: Annotated[Any, PlainSerializer(name_of, str), WithJsonSchema({"type": "string"})] = Field(
+        description="the object; in a record the name of its class, or of the function"
+    )
 
     @model_validator(mode="before")
     @classmethod
     def _as_it_needs(cls, data: Any) -> Any:
         """Let an object set its own needs and name, unless they are given."""
-        target = data.get("target") if isinstance(data, dict) else None
-        if isinstance(target, str) or not can_act(target):
+        target = data.get("target", "") if isinstance(data, dict) else ""
+        if isinstance(target, str):
             return data
+        if not can_act(target):
+            raise Problems([(("target",), f"found {excerpt(target)}, expected {EXPECTED}")])
         needs, name = needs_of(target), target.name if isinstance(target, Policy) else None
         return {"history": max(1, needs.history), "draws": needs.draws, "name": name, **data}
 
@@ -208,7 +203,7 @@ class ObjectPolicy(UserObject):
         return not isinstance(self.target, str)
 
     def _made(self, acting: Acting) -> Any:
-        if not self.is_here:
+        if isinstance(self.target, str):
             raise PolicyError(f"{self.code_target}: found no such object in this Python session")
         return self.target
 

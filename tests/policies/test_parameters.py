@@ -70,3 +70,11 @@ def test_they_are_from_the_start_what_json_makes_of_them():
     made = Experiment.model_validate(plain(params)).policies[0].params
     params["pair"].append(3)
     assert repr(made) == repr({"pair": [1, 2], "numpy": 0.25, "tuple": [1, 2]})
+
+
+@pytest.mark.parametrize("target", [3, None, int, ["x"]])
+def test_an_object_that_cannot_act_is_refused(target):
+    with pytest.raises(
+        ConfigError, match=r"^policies.0.target: found .*, expected an object with decide\(obs"
+    ):
+        Experiment(name="x", setpoints=70, policies=[{"kind": "live", "target": target}])
