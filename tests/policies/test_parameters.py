@@ -74,7 +74,5 @@ def test_they_are_from_the_start_what_json_makes_of_them():
 
 @pytest.mark.parametrize("target", [3, None, int, ["x"]])
 def test_an_object_that_cannot_act_is_refused(target):
-    with pytest.raises(
-        ConfigError, match=r"^policies.0.target: found .*, expected an object with decide\(obs"
-    ):
+    with pytest.raises(ConfigError, match=r"^policies.0.target: found .*, expected an object with "):
         Experiment(name="x", setpoints=70, policies=[{"kind": "live", "target": target}])
