@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from ibdata.arguments import public
 from ibdata.errors import PolicyError
-from ibdata.evaluation.policies import loaded, policy_of
-from ibdata.policies import Observed, Policy, purity
+from ibdata.evaluation.policies import as_policy, loaded
+from ibdata.policies import Observed, Policy, checked
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
 from ibdata.policies.checked import AnswerError, ask, raise_placed
@@ -66,13 +66,13 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
         AssertionError: a check failed; the message says which.
         PolicyError: the policy is not pure, raised an exception, or returned no numbers of the right shape.
     """
-    policy = policy_of(policy, history)
-    with loaded([policy]):
+    policy = as_policy(policy, history)
+    with loaded([policy]) as [policy]:
         if not any(policy.everywhere(UserObject)):  # of which `loaded` has made sure
-            purity.refuse_impure(policy, exact=True)
-        seen = purity.histories(ROWS, policy.needs.history) if histories is None else histories
+            checked.refuse_impure(policy, exact=True)
+        seen = checked.histories(ROWS, policy.needs.history) if histories is None else histories
         in_order = any(part.remembers for part in policy.everywhere(UserObject))
-        for observed, actions in list(purity.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
+        for observed, actions in list(checked.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
             try:
                 _check_decision(policy, observed)
                 _check_density(policy, observed, actions)
@@ -98,10 +98,10 @@ def _check_decision(policy: Policy, observed: Observed) -> None:
     for field in Observed._fields:
         same = _same(getattr(observed, field), getattr(seen, field))
         assert same, f"decide changed the {field} that it was given"
-    sample, kept = np.array(distribution.sample(observed.uniforms)), memory.copy()
-    _distribution(policy, seen._replace(uniforms=1.0 - seen.uniforms))
+    sample, kept = np.array(distribution.sample(observed.draws)), memory.copy()
+    _distribution(policy, seen._replace(draws=1.0 - seen.draws))
     later = "a later call of decide changed an array that an earlier one returned"
-    assert _same(distribution.sample(observed.uniforms), sample), later
+    assert _same(distribution.sample(observed.draws), sample), later
     assert _same(memory, kept), later
 
 
@@ -114,7 +114,7 @@ def _check_density(policy: Policy, observed: Observed, action: Float32s) -> None
     half, _ = _distribution(policy, observed.apply(lambda x: x[::2].copy()))
     same = np.allclose(half.log_density(action[::2]), density[::2], 1e-6, 1e-6, True)
     assert same, "log_density depends on the other episodes"
-    other, _ = _distribution(policy, observed._replace(uniforms=1.0 - observed.uniforms))
+    other, _ = _distribution(policy, observed._replace(draws=1.0 - observed.draws))
     same = _same(other.log_density(action), density)
     assert same, "the distribution depends on the random numbers of its own step"
 
@@ -135,12 +135,12 @@ def _check_values(policy: Policy, distribution: Distribution, action: Float32s, 
 
 def _check_frequencies(policy: Policy, one: Observed, directions: Sequence[Floats]) -> None:
     """Compare shares of many draws in one situation with the probabilities that the density gives them."""
-    if np.isnan(_distribution(policy, one)[0].log_density(purity.decided(policy, one)[0])).any():
+    if np.isnan(_distribution(policy, one)[0].log_density(checked.decided(policy, one)[0])).any():
         return  # no density is known
 
-    u = np.random.default_rng(2).random((DRAWS, one.uniforms.shape[1]))
-    many = one.apply(lambda x: np.repeat(x, DRAWS, axis=0))._replace(uniforms=u)
-    actions, _ = purity.decided(policy, many)
+    u = np.random.default_rng(2).random((DRAWS, one.draws.shape[1]))
+    many = one.apply(lambda x: np.repeat(x, DRAWS, axis=0))._replace(draws=u)
+    actions, _ = checked.decided(policy, many)
 
     def distribution(points: Float32s) -> Distribution:
         return _distribution(policy, many.apply(lambda x: x[: len(points)].copy()))[0]

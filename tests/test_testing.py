@@ -18,7 +18,7 @@ from ibdata.policies import (
     Distribution,
     Needs,
     Policy,
-    purity,
+    checked,
 )
 from ibdata.testing import check_policy
 
@@ -41,7 +41,7 @@ class TwoSides(Distribution):
 class Coin(Policy):
     """Up or down, one as often as the other."""
 
-    needs: ClassVar[Needs] = Needs(step_draws=1)
+    needs: ClassVar[Needs] = Needs(draws=1)
     kind: str = "coin"
     sides: ClassVar[type] = TwoSides
 
@@ -66,13 +66,13 @@ class Kept(TwoSides):
 class Stubborn(Policy):
     """Keeps the side of the first coin of an episode, in its memory."""
 
-    needs: ClassVar[Needs] = Needs(step_draws=1, memory=1)
+    needs: ClassVar[Needs] = Needs(draws=1, memory=1)
     kind: str = "stubborn"
     sides: ClassVar[type] = Kept
 
     def decide(self, given):
         kept = self.sides(given.step, given.memory)
-        return Decision(kept, kept.sample(given.uniforms)[:, :1])
+        return Decision(kept, kept.sample(given.draws)[:, :1])
 
 
 class Still(Policy):
@@ -130,7 +130,7 @@ def overwriting(policy, given):
 def reusing(policy, given):
     n = len(given.step)
     out = ARRAYS.setdefault(n, np.empty((n, 3)))
-    out[:] = TwoSides().sample(given.uniforms)
+    out[:] = TwoSides().sample(given.draws)
     return Decision(out, given.memory)
 
 
@@ -140,12 +140,12 @@ def counting(policy, given):
 
 def depending_on_others(policy, given):
     others = given.observations[:, 0].mean() / 1000.0
-    return Decision(TwoSides().sample(given.uniforms) - others, given.memory)
+    return Decision(TwoSides().sample(given.draws) - others, given.memory)
 
 
 def shared(policy, given):
     distribution, side = Stubborn.decide(policy, given)
-    return Decision(distribution.sample(given.uniforms), side + given.uniforms.mean())
+    return Decision(distribution.sample(given.draws), side + given.draws.mean())
 
 
 def constant(value, size=3):
@@ -153,7 +153,7 @@ def constant(value, size=3):
 
 
 def peeking(policy, given):
-    return Decision(ClippedNormal(given.uniforms * np.ones(3), 0.1), given.memory)
+    return Decision(ClippedNormal(given.draws * np.ones(3), 0.1), given.memory)
 
 
 def greedy_for_draws(policy, given):
@@ -167,7 +167,7 @@ DECISIONS = [
     (Coin, depending_on_others, "for half of the episodes in another order"),
     (Coin, constant(0.0, size=4), r"found actions of shape .*, 4\)"),
     (Coin, constant(np.nan), "expected finite numbers"),
-    (Coin, greedy_for_draws, "a ClippedNormal and needs.step_draws 1, expected at least 3"),
+    (Coin, greedy_for_draws, "a ClippedNormal and needs.draws 1, expected at least 3"),
     (Stubborn, overwriting, "decide changed the memory that it was given"),
     (Stubborn, shared, "for half of the episodes in another order"),
 ]
@@ -186,7 +186,7 @@ def faulty(base, **attributes):
 
 
 def test_a_distribution_of_its_own_draws_is_said():
-    policy = faulty(Coin, needs=Needs(step_draws=3))
+    policy = faulty(Coin, needs=Needs(draws=3))
     type(policy).decide = peeking
     with pytest.raises(AssertionError, match="depends on the random numbers of its own step"):
         check_policy(policy)
@@ -271,11 +271,11 @@ def test_a_density_of_another_shape_is_said(draw, right, wrong):
                 edge = -5.0 * (np.abs(action) == 1.0).any(axis=1)  # where few are clipped
                 return stated(action.astype(np.float64)) + edge
 
-        return faulty(Coin, needs=Needs(step_draws=4), sides=Stated)
+        return faulty(Coin, needs=Needs(draws=4), sides=Stated)
 
-    check_policy(policy(right), purity.histories(16, 1))
+    check_policy(policy(right), checked.histories(16, 1))
     with pytest.raises(AssertionError, match=r"log_density (is not that of the draws: if|gives actions)"):
-        check_policy(policy(wrong), purity.histories(16, 1))
+        check_policy(policy(wrong), checked.histories(16, 1))
 
 
 class ForgetsClipping(ClippedNormal):
@@ -296,7 +296,7 @@ def test_where_some_numbers_are_clipped_they_are_counted_too(distribution):
     """Few actions are clipped in all three numbers, so those clipped in one or two are counted."""
 
     class Noisy:
-        needs = Needs(step_draws=3)
+        needs = Needs(draws=3)
 
         def decide(self, observed):
             mean = np.clip(observed.observations[:, 0, 1:4] / 50.0 - 1.0, -0.5, 0.5)

@@ -16,7 +16,7 @@ from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
 from ibdata.experiment.scenario import other_dynamics, scenario_of
 from ibdata.policies import Policy
-from ibdata.policies.live import Live
+from ibdata.policies.user_object import ObjectPolicy
 from ibdata.system.memory import refuse_too_much
 from ibdata.system.progress import bar
 from ibdata.views.options import View, view_of
@@ -129,13 +129,13 @@ def evaluate(
 
 def _refuse_unseen(policies: Mapping[str, Policy]) -> None:
     """Raise UsageError for a view that no object sees, or one of them not."""
-    if not any(isinstance(policy, Live) for policy in policies.values()):
+    if not any(isinstance(policy, ObjectPolicy) for policy in policies.values()):
         raise UsageError(
             "view: found one, but no object that could see it: policies of ibdata see the six observed "
             "variables; leave it out, or give a function, a module or an object"
         )
     for label, policy in policies.items():
-        if not isinstance(policy, Live) and any(policy.everywhere(Live)):
+        if not isinstance(policy, ObjectPolicy) and any(policy.everywhere(ObjectPolicy)):
             raise UsageError(
                 f"view: found {label}, an object within a policy of ibdata, which would see the six observed "
                 "variables; evaluate it without the view, or write an object that does what both do"

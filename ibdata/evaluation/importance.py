@@ -17,7 +17,7 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
 from ibdata.evaluation.overlap import Ratios, log_ratios, parts_of, recorded_in, refuse_remembered_draws
 from ibdata.evaluation.play import checked_discount
-from ibdata.evaluation.policies import loaded, policy_of, refuse_unused
+from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.evaluation.states import Source
 from ibdata.experiment.code import consented_spec, refuse_changed
 from ibdata.numerics.confidence import estimate
@@ -141,8 +141,7 @@ def importance(
         DatasetError: a file is missing or damaged.
     """
     discount = checked_discount(discount)
-    evaluated = policy_of(target, history, allow_code)
-    refuse_unused(history, [target])
+    evaluated = as_policy(target, history, allow_code)
     selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
     refuse_empty(selection)
     refuse_by_returns(selection)
@@ -151,17 +150,19 @@ def importance(
     episodes = np.flatnonzero(selection.inside)
     steps = _horizon(steps, source.lengths[episodes])
     parts = list(parts_of(source, episodes, steps))
-    behaviours = {id(part.behaviour): part.behaviour for part in parts}.values()
+    behaviours = {id(part.behaviour): part.behaviour for part in parts}
     ratios, rewards = Ratios(*np.empty((2, len(episodes), steps))), np.empty((len(episodes), steps))
-    with loaded([evaluated, *behaviours]):
-        objects = [part for behaviour in behaviours for part in behaviour.everywhere(UserObject)]
+    with loaded([evaluated, *behaviours.values()]) as [evaluated, *acting]:
+        objects = [part for behaviour in acting for part in behaviour.everywhere(UserObject)]
         refuse_changed(stored.manifest.code, objects, stored.name)
-        if any(evaluated.form() != behaviour.form() for behaviour in behaviours):
+        if any(evaluated.form() != behaviour.form() for behaviour in acting):
             refuse_remembered_draws(evaluated)
-        for experiment, numbers, positions in parts:
+        ready = dict(zip(behaviours, acting, strict=True))
+        for part in parts:
+            positions, behaviour = part.positions, ready[id(part.behaviour)]
             recorded, rewards[positions], log_prob = recorded_in(source, episodes[positions], steps)
-            part = log_ratios(experiment, numbers, recorded, log_prob, evaluated, len(episodes) * steps)
-            ratios.recorded[positions], ratios.drawn[positions] = part
+            of_part = log_ratios(part, behaviour, recorded, log_prob, evaluated, len(episodes) * steps)
+            ratios.recorded[positions], ratios.drawn[positions] = of_part
     return of_ratios(evaluated.label, ratios, rewards, discount)
 
 

@@ -16,7 +16,7 @@ from ibdata.numerics.random import Purpose
 from ibdata.policies import Policy
 from ibdata.policies.actions import applied
 from ibdata.policies.distributions import Distribution
-from ibdata.simulation.episodes import Float32s, Floats, Ints, draw_uniforms
+from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
 from ibdata.simulation.replay import replay
 
 Bools = npt.NDArray[np.bool_]
@@ -78,7 +78,7 @@ def refuse_remembered_draws(target: Policy) -> None:
     """Raise UsageError for a target that remembers random numbers, because no data have these numbers."""
     for policy in target.everywhere(Policy):
         needs = getattr(policy, "own_needs", policy.needs)  # without those of a base
-        if needs.memory and (needs.step_draws or policy.needs.episode_draws):
+        if needs.memory and (needs.draws or policy.needs.episode_draws):
             raise UsageError(
                 f"policy {target.label}: found {policy.kind}, which has a memory and random numbers, "
                 "expected only one of them: no data have numbers that it may remember; use `history` in "
@@ -87,15 +87,15 @@ def refuse_remembered_draws(target: Policy) -> None:
 
 
 def log_ratios(
-    experiment: Experiment, numbers: Ints, recorded: Recorded, log_prob: Floats, target: Policy, rows: int
+    part: Part, behaviour: Policy, recorded: Recorded, log_prob: Floats, target: Policy, rows: int
 ) -> Ratios:
     """The ratios of the densities in episodes with one policy, the behaviour.
 
     Where only one of the two has a point mass at a number of an action, the ratio is 0.
 
     Args:
-        experiment: the experiment.
-        numbers: the numbers (n,) of its episodes.
+        part: the episodes.
+        behaviour: their policy, which is loaded.
         recorded: what was seen and done in them.
         log_prob: the recorded log densities (n, steps).
         target: the policy to be evaluated.
@@ -109,18 +109,19 @@ def log_ratios(
             ever takes.
         PolicyError: the target failed, or returned no valid density.
     """
-    behaviour = experiment.cell_of(int(numbers[0]))
-    _refuse_unknown(behaviour.label, log_prob)
-    of_target, actions = _of_target(experiment, numbers, recorded, target)
+    episodes = episodes_of(part.experiment, part.numbers)
+    _refuse_unknown(episodes.label, log_prob)
+    of_target, actions = _of_target(episodes.played_by(target), recorded)
     _refuse_unknown(target.label, of_target.recorded)
     ratio = of_target.recorded - log_prob
-    if target.form() == behaviour.policy.form():
+    if target.form() == behaviour.form():
         return Ratios(ratio, np.zeros_like(ratio))
-    of_behaviour = _of_behaviour(experiment, numbers, recorded, actions)
+    acting = episodes.played_by(behaviour, label=episodes.label)
+    of_behaviour = _Densities(*replay(acting, *recorded, _densities, recorded.actions, actions))
     never = (of_target.drawn_atoms & ~of_behaviour.drawn_atoms).any(axis=2) | (of_behaviour.drawn == -np.inf)
     drawn = of_target.drawn - np.where(never, LOG_NEVER, of_behaviour.drawn)
     rare = of_target.drawn_atoms.any(axis=2) & (drawn > np.log(rows))
-    _refuse_lack(target.label, behaviour.label, actions, never, rare, rows)
+    _refuse_lack(target.label, episodes.label, actions, never, rare, rows)
     return Ratios(np.where((of_target.atoms == of_behaviour.atoms).all(axis=2), ratio, -np.inf), drawn)
 
 
@@ -153,26 +154,17 @@ class _Densities(NamedTuple):
     drawn_atoms: Bools
 
 
-def _of_target(
-    experiment: Experiment, numbers: Ints, recorded: Recorded, target: Policy
-) -> tuple[_Densities, Float32s]:
+def _of_target(episodes: Episodes, recorded: Recorded) -> tuple[_Densities, Float32s]:
     """What the target says of recorded actions, and of those (n, steps, 3) that it draws there."""
-    episodes, steps = episodes_of(experiment, numbers).played_by(target), recorded.actions.shape[1]
-    draws, purpose = target.needs.step_draws, Purpose.TRIAL
-    uniforms = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, steps, draws).swapaxes(0, 1)
+    steps, count, purpose = recorded.actions.shape[1], episodes.policy.needs.draws, Purpose.TRIAL
+    draws = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, steps, count).swapaxes(0, 1)
 
     def densities_and_draws(distribution: Distribution, actions: Float32s, u: Floats) -> tuple[Any, ...]:
         drawn = applied(distribution.sample(u))
         return *_densities(distribution, actions, drawn), drawn
 
-    *densities, drawn = replay(episodes, *recorded, densities_and_draws, recorded.actions, uniforms)
+    *densities, drawn = replay(episodes, *recorded, densities_and_draws, recorded.actions, draws)
     return _Densities(*densities), drawn
-
-
-def _of_behaviour(experiment: Experiment, numbers: Ints, recorded: Recorded, drawn: Float32s) -> _Densities:
-    """What the behaviour says of recorded actions, and of those that the target draws."""
-    episodes = episodes_of(experiment, numbers)
-    return _Densities(*replay(episodes, *recorded, _densities, recorded.actions, drawn))
 
 
 def _densities(distribution: Distribution, recorded: Float32s, drawn: Float32s) -> _Densities:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -15,9 +16,8 @@ from ibdata.numerics.random import stream_key
 from ibdata.policies import Observed, Policy
 from ibdata.policies.actions import read_only
 from ibdata.policies.base import SETPOINT
-from ibdata.policies.live import Live, without_runs
 from ibdata.policies.scaling import setpoint_notes
-from ibdata.policies.user_object import clipping_notes
+from ibdata.policies.user_object import ObjectPolicy, clipping_notes
 from ibdata.simulation.carry import Carry, begin
 from ibdata.simulation.episodes import Episodes, Ints, observed_rows, record_rows, values_of
 from ibdata.simulation.unroll import LANES, Block, unroll
@@ -65,13 +65,15 @@ def play(
     out, clipped = np.empty((3, len(cells), n)), np.zeros(len(cells))
     columns, notes = len(view.frame(scenario.drifting)), []
     for first_cell in range(0, len(cells), per_policy):
-        policy, those = cells[first_cell].policy, slice(first_cell, first_cell + per_policy)
-        with loaded([policy], columns, says=False):  # one at a time, so that their modules never meet
+        those = slice(first_cell, first_cell + per_policy)
+        alone = [cells[first_cell].policy]  # one at a time, so that their modules never meet
+        with loaded(alone, columns, says=False) as [policy]:
             at_setpoints = list(_setpoint_notes(policy, scenario, view))  # which ask it, before it acts
             for number in range(those.start, those.stop):
+                cell = dataclasses.replace(cells[number], policy=policy)
                 for first in range(0, n, LANES):
                     part = slice(first, min(first + LANES, n))
-                    *returns, count = _returns(scenario, cells[number], number, part, discount, advance, view)
+                    *returns, count = _returns(scenario, cell, number, part, discount, advance, view)
                     out[0, number, part], out[1, number, part], out[2, number, part] = returns
                     clipped[number] += count / (n * scenario.steps)
             notes.append([*_notes(policy, view, clipped[those].mean()), *at_setpoints])
@@ -88,7 +90,7 @@ def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
 
 def _setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions) -> Iterator[str]:
     """What says that a policy was trained at other setpoints. Moving ones may reach all."""
-    frame = view.frame(scenario.drifting) if isinstance(policy, Live) else OBSERVED
+    frame = view.frame(scenario.drifting) if isinstance(policy, ObjectPolicy) else OBSERVED
     if OBSERVED[SETPOINT] in frame:
         points = (0.0, *scenario.points, 100.0) if scenario.drifting else scenario.points
         yield from setpoint_notes(policy, points, len(frame), frame.index(OBSERVED[SETPOINT]))
@@ -165,13 +167,13 @@ def _digests(cell: Cell) -> tuple[bytes, bytes]:
     """The digests in the addresses of the environment's and of the policy's random numbers."""
     form: dict[str, Any] = {**cell.form(), "label": "evaluate"}
     common = {key: value for key, value in form.items() if key != "policy"}
-    return form_digest(common), form_digest(without_runs(form))
+    return form_digest(common), form_digest(form)
 
 
 def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[Observed], Observed] | None:
     """What a policy made of a user's object sees: the frames of the view. Other policies see no view."""
     history, drifting = episodes.policy.needs.history, episodes.world.drifting
-    if view.is_classic or not isinstance(episodes.policy, Live) or history == 0:
+    if view.is_classic or not isinstance(episodes.policy, ObjectPolicy) or history == 0:
         return None
     rows = observed_rows(view, drifting)
     window = Window(view, drifting, len(episodes), history)

@@ -6,21 +6,22 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from ibdata.errors import ConfigError, UsageError, notice, suggestion
-from ibdata.experiment.messages import Problem, refusals, shown
+from ibdata.experiment.messages import refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.numerics.naming import unequal
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
 from ibdata.policies.adapter import EXPECTED, can_act, has_needs
-from ibdata.policies.base import FrozenModel, refuse_density
-from ibdata.policies.code import two_places
-from ibdata.policies.custom import TARGET, Custom
-from ibdata.policies.live import Live
-from ibdata.policies.purity import refuse_impure
-from ibdata.policies.user_object import UserObject, refuse_shared
+from ibdata.policies.base import refuse_density
+from ibdata.policies.checked import refuse_impure
+from ibdata.policies.code import Acting
+from ibdata.policies.user_object import TARGET, Custom, ObjectPolicy, UserObject, refuse_shared
 from ibdata.policies.weights_file import SUFFIX
 from ibdata.views.options import PLAIN, ViewOptions
 
@@ -30,17 +31,17 @@ def policies_of(
 ) -> dict[str, Policy]:
     """Return the policies that a user gave, by their labels. Of equal labels, the later ones get -2, -3, …
 
-    A user gives what `policy_of` takes, a mapping of labels to that, or a list of both, and the history for
+    A user gives what `as_policy` takes, a mapping of labels to that, or a list of both, and the history for
     all or by label.
     """
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
     for label, length in lengths.items():
         _refuse_length(length, f"history: {label}")
     labelled = list(_labelled(policies))
-    parsed = [policy_of(argument, common, allow_code) for _, argument in labelled]
+    parsed = [_policy_of(argument, common, allow_code) for _, argument in labelled]
     labels = unequal(label or policy.label for (label, _), policy in zip(labelled, parsed, strict=True))
     taking = [label for label, (_, argument) in zip(labels, labelled, strict=True) if takes_history(argument)]
-    refuse_unused(common, [argument for _, argument in labelled])
+    _refuse_unused(common, [argument for _, argument in labelled])
     for label in lengths.keys() - taking:
         expected = f"one of {', '.join(taking)}" if taking else "no label"
         raise UsageError(f"history: found {label!r}, expected {expected}: others set their own number")
@@ -50,7 +51,7 @@ def policies_of(
     return by_label
 
 
-def refuse_unused(history: int, arguments: Iterable[Any]) -> None:
+def _refuse_unused(history: int, arguments: Iterable[Any]) -> None:
     """Raise UsageError for a number of observations that none of the policies that a user gave takes."""
     if history != 1 and not any(map(takes_history, arguments)):
         raise UsageError(
@@ -82,12 +83,17 @@ def _labelled(policies: Any) -> Iterator[tuple[str | None, Any]]:
             yield label, policy
 
 
-def policy_of(policy: Any, history: int = 1, allow_code: bool = False) -> Policy:
+def as_policy(policy: Any, history: int = 1, allow_code: bool = False) -> Policy:
     """Return a policy that a user gave: a `Policy`, a kind, a block (mapping, YAML or file), or an object.
 
     An object without `needs` sees `history` observations. A custom policy in a file needs `allow_code`.
     Raises UsageError if it is none of these, ConfigError for a block that is not valid.
     """
+    _refuse_unused(history, [policy])
+    return _policy_of(policy, history, allow_code)
+
+
+def _policy_of(policy: Any, history: int, allow_code: bool) -> Policy:
     _refuse_length(history)
     if isinstance(policy, Policy):
         return policy
@@ -106,7 +112,7 @@ def policy_of(policy: Any, history: int = 1, allow_code: bool = False) -> Policy
             raise UsageError(f"policy: {error}") from None
         length = {"history": history} if takes_history(policy) else {}
         return _block({"kind": "live", "target": policy, **length}, "policy")
-    raise UsageError(f"policy: found {shown(policy)}, expected {EXPECTED}")
+    raise UsageError(f"policy: found {shown(policy)}, expected one policy: a kind, a block, {EXPECTED}")
 
 
 def _named(name: str | os.PathLike[str], allow_code: bool) -> Policy:
@@ -127,7 +133,8 @@ def _named(name: str | os.PathLike[str], allow_code: bool) -> Policy:
     except StrictYamlError as error:
         raise ConfigError([f"{place}:{error}"]) from None
     if not isinstance(block, dict) or "kind" not in block:
-        raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{_example(text)}'"])
+        example = f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
+        raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{example}'"])
     policy = _block(block, place, folder)
     if folder is not None and not allow_code and any(policy.everywhere(Custom)):
         raise UsageError(
@@ -146,42 +153,34 @@ def _of_binary(path: str) -> str:
     )
 
 
-def _example(text: str) -> str:
-    """A block; that of custom code where a text has the form of its target."""
-    return f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
-
-
 def notes_on(policy: Policy, view: ViewOptions = PLAIN) -> Iterator[str]:
     """What may be wrong with the objects of users that a policy is made of, and that have acted."""
     for part in policy.everywhere(UserObject):
-        yield from part.notes(view if isinstance(part, Live) else PLAIN)
+        yield from part.notes(view if isinstance(part, ObjectPolicy) else PLAIN)
 
 
 @contextmanager
-def loaded(policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bool = True) -> Iterator[None]:
-    """A context in which the objects of these policies are loaded and known to be pure.
+def loaded(
+    policies: Iterable[Policy], columns: int = len(OBSERVATION), says: bool = True
+) -> Iterator[list[Policy]]:
+    """Yield copies of policies whose objects are loaded and known to be pure, and can act in this context.
 
-    Objects see so many `columns` of an observation. At the end they are forgotten, the modules of Python are
-    not, and notices on stderr say what may be wrong with them. Raises PolicyError for a policy that remembers
-    or draws in secret.
+    Objects see so many `columns` of an observation. At the end, notices on stderr say what may be wrong with
+    them. Raises PolicyError for a policy that remembers or draws in secret.
     """
-    policies = list(policies)
-    for policy in policies:
-        if is_foreign(policy):
-            refuse_impure(policy, exact=False)
-    objects = [part for policy in policies for part in policy.everywhere(UserObject)]
-    try:
-        for policy in policies:
+    with Acting() as acting:
+        ready = [policy.loaded(acting) for policy in policies]
+        for policy in ready:
             refuse_shared(policy)
-        for part in objects:
-            part.check_once(columns if isinstance(part, Live) and part in policies else len(OBSERVATION))
-        yield
-        for policy in policies if says else ():
+            for part in policy.everywhere(UserObject):
+                is_seen = isinstance(part, ObjectPolicy) and part is policy
+                part.refuse_impure(columns if is_seen else len(OBSERVATION))
+            if is_foreign(policy):
+                refuse_impure(policy, exact=False)
+        yield ready
+        for policy in ready if says else ():
             for note in notes_on(policy):
                 notice(f"{policy.label}: {note}")
-    finally:
-        for part in objects:
-            part.forget()
 
 
 def is_foreign(policy: Policy) -> bool:
@@ -189,20 +188,12 @@ def is_foreign(policy: Policy) -> bool:
     return type(policy) not in POLICIES.values()
 
 
-class _Policies(FrozenModel):
-    policies: list[AnyPolicy]
+@cache
+def _any_policy() -> TypeAdapter[Policy]:
+    return TypeAdapter(AnyPolicy)
 
 
 def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Policy:
     """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
-    data = {"policies": [block]}
-
-    def line(problem: Problem) -> str:
-        in_block = problem._replace(loc=problem.loc[2:])  # without policies.0
-        return f"{place}: {in_block.text}"
-
-    with refusals(data, _Policies, line):
-        [policy] = _Policies.model_validate(data, context={"folder": folder}).policies
-    for custom in policy.everywhere(Custom):
-        custom.look_in(two_places(folder))
-    return policy
+    with refusals(block, Policy, lambda problem: f"{place}: {problem.text}"):
+        return _any_policy().validate_python(block, context={"folder": folder, "weights": {}})

@@ -13,7 +13,7 @@ from ibdata.dataset.dataset import Place, whole_dataset
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.play import Floats, checked_discount, returns_of
-from ibdata.evaluation.policies import loaded, policies_of
+from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import form_digest, scenario_of
@@ -21,7 +21,6 @@ from ibdata.numerics.confidence import estimate
 from ibdata.numerics.random import Raw, stream_key
 from ibdata.policies import Policy
 from ibdata.policies.actions import clip_and_round
-from ibdata.policies.live import without_runs
 from ibdata.simulation.carry import Carry
 from ibdata.simulation.episodes import Episodes, Float32s, Ints, record_rows
 from ibdata.simulation.unroll import LANES, unroll
@@ -53,7 +52,7 @@ def branches_at(
             "step": step,
         }
         keys.append(stream_key(seed, form_digest(form)))
-        policy_keys.append(stream_key(seed, form_digest({**form, "policy": without_runs(policy.form())})))
+        policy_keys.append(stream_key(seed, form_digest({**form, "policy": policy.form()})))
     return Episodes(
         experiment.scenario.world,
         policy,
@@ -198,19 +197,13 @@ def true_values(
         PolicyError: The policy failed, or returned no valid action.
     """
     discount = checked_discount(discount)
-    policies, source = (
-        list(policies_of(policy, history, allow_code).values()),
-        Source(whole_dataset(ds).stored),
-    )
-    if len(policies) != 1:
-        raise UsageError(f"policy: found {len(policies)} policies, expected one policy")
-    [acting] = policies
+    acting, source = as_policy(policy, history, allow_code), Source(whole_dataset(ds).stored)
     numbers, times = source.episodes_and_steps(rows)
     first = None if actions is None else _applied(actions, len(numbers))
     refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
     settings = scenario_of(steps=steps, episodes=episodes, seed=seed)
     returns = np.empty((len(numbers), settings.episodes))
-    with loaded([acting]):
+    with loaded([acting]) as [acting]:
         begun = source.carries_at(numbers, times, acting)
         for experiment, positions, inner in source.by_experiment(numbers):
             carry, step = begun.take(positions), times[positions]

@@ -22,6 +22,7 @@ from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
+from ibdata.policies.base import FrozenModel
 
 # The ways to name an experiment: a path, a shipped name, a mapping, or an Experiment itself.
 Config = Annotated[
@@ -66,9 +67,9 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
     if isinstance(config, Experiment):
-        return _checked(config.plain(), overrides, seed, config.folder)
+        return _checked(native(config.options()), overrides, seed, config.context)
     if isinstance(config, Mapping):
-        return _checked(native(config), overrides, seed)
+        return _checked(native(config), overrides, seed, {"weights": {}})
     path = find(config)
     if is_suite(path):
         example = sorted(path.glob("[!.]*.yaml"))[0]
@@ -119,14 +120,15 @@ def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
         line, column = document.position(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
-    return _checked(document.data, overrides, seed, path.parent.absolute(), begin)
+    context = {"folder": path.parent.absolute(), "weights": {}}
+    return _checked(document.data, overrides, seed, context, begin)
 
 
 def _checked(
     data: dict[str, Any],
     overrides: Overrides,
     seed: int | None,
-    folder: Path | None = None,
+    context: dict[str, Any],
     begin: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
     """Apply the overrides and check the experiment; `begin` begins the line of a problem in the file."""
@@ -148,7 +150,7 @@ def _checked(
         return f"override {problem.text}" if is_changed else begin(problem) + problem.text
 
     with refusals(data, Experiment, line):
-        return Experiment.model_validate(data, context={"folder": folder})
+        return Experiment.model_validate(data, context=context)
 
 
 def _parsed(override: str) -> tuple[str, Any]:
@@ -180,6 +182,8 @@ def _put(data: Any, key: str, value: Any) -> Loc:
         child = data.get(index) if isinstance(data, dict) else data[index]
         if isinstance(child, str) and path[0] == "policies":
             child = data[index] = {"kind": child}
+        elif isinstance(child, FrozenModel):
+            child = data[index] = native(child.options())
         elif not isinstance(child, dict | list):
             child = data[index] = {}
             new_path = new_path or path

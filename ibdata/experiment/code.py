@@ -18,10 +18,9 @@ from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.policies.code import file_of, is_installed, known_before, refuse_within_itself, two_places
-from ibdata.policies.custom import Custom
-from ibdata.policies.live import Live
-from ibdata.policies.user_object import UserObject
+from ibdata.policies.code import file_of, is_installed, refuse_within_itself, two_places
+from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
+from ibdata.system import processes
 from ibdata.system.files import file_sha256
 
 OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
@@ -40,11 +39,11 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
             "--allow-code if you trust it"
         )
     refuse_within_itself(targets)
-    for live in spec.policies_of(Live):
-        if again or not live.is_held:
+    for user_object in spec.policies_of(ObjectPolicy):
+        if again or not user_object.is_here:
             raise UsageError(
-                f"{where}: found {live.code_target}, an object that acts in the Python session of its run "
-                "and nowhere else; put its class into a file and name it with kind: custom"
+                f"{where}: found {user_object.code_target}, an object that acts in the Python session of its "
+                "run and nowhere else; put its class into a file and name it with kind: custom"
             )
 
 
@@ -71,7 +70,7 @@ def record(policies: Sequence[UserObject]) -> list[Code]:
             files={name: file_sha256(path) for name, path in policy.files_used().items()},
         )
         entries.append(entry)
-    if not all(isinstance(policy, Live) for policy in policies):
+    if not all(isinstance(policy, ObjectPolicy) for policy in policies):
         files, versions = _in_use([policy.target_file() for policy in policies])
         update = {"files": files | entries[0].files, "distributions": versions}
         entries[0] = entries[0].model_copy(update=update)
@@ -89,7 +88,7 @@ def _in_use(targets: Sequence[Path | None]) -> tuple[dict[str, str | None], dict
         if not is_installed(path):
             folders = name.split(".") if hasattr(module, "__path__") else name.split(".")[:-1]
             files["/".join([*folders, path.name])] = file_sha256(path)
-        elif name not in known_before and package not in sys.stdlib_module_names:
+        elif name not in processes.known_before and package not in sys.stdlib_module_names:
             packages.add(package)
     versions = {package: _version(package) for package in sorted(packages)}
     return files, {package: version for package, version in versions.items() if version is not None}
@@ -105,7 +104,7 @@ def _version(package: str) -> str | None:
 def changed_here(spec: DatasetSpec, record: Sequence[Code]) -> list[str]:
     """The files of a record whose content differs on this machine. Nothing is imported to find them."""
     subfolders = [Path(), *(Path(code.target.partition(":")[0]).parent for code in record)]
-    places = two_places(spec.experiments[0].folder)
+    places = two_places(Path.cwd(), spec.experiments[0].folder)
     folders = [place / subfolder for place in places for subfolder in subfolders]
     folders += map(Path, sys.path)
     names = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
@@ -15,8 +16,8 @@ from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.policies import Policy
-from ibdata.policies.network import Network
-from ibdata.policies.weights_file import kept
+from ibdata.policies.code import Acting
+from ibdata.policies.weights_file import Weights
 
 
 class Shard(NamedTuple):
@@ -79,14 +80,20 @@ class DatasetSpec:
         return cls(experiment.name, (experiment,))
 
     @classmethod
-    def from_plain(cls, data: Mapping[str, Any], weights: Mapping[str, bytes]) -> DatasetSpec:
-        """Read the data of `plain` and `weights`, or the same data from a dataset."""
+    def from_plain(
+        cls, data: Mapping[str, Any], weights: Mapping[str, bytes], folder: Path | None = None
+    ) -> DatasetSpec:
+        """Read the data of `plain` and `weights`, or of a dataset; code is looked for in the folder too."""
+        known = {}
         for path, content in weights.items():
             try:
-                kept(content)
+                read = Weights(content)
             except ValueError as error:
                 raise DatasetError(f"{path}: {error}") from None
-        return cls(data["name"], tuple(map(Experiment.model_validate, data["experiments"])))
+            known[read.sha256] = read
+        context = {"folder": folder, "weights": known}
+        experiments = (Experiment.model_validate(plain, context=context) for plain in data["experiments"])
+        return cls(data["name"], tuple(experiments))
 
     def plain(self) -> dict[str, Any]:
         """Name and experiments as plain data for JSON. No shard needs the later splits."""
@@ -134,14 +141,23 @@ class DatasetSpec:
         return list(dict.fromkeys(experiment.licence for experiment in self.experiments))
 
     @property
+    def context(self) -> dict[str, Any]:
+        """The weights of all networks by their SHA-256, with which the experiments are read."""
+        each = (experiment.context["weights"] for experiment in self.experiments)
+        return {"weights": {sha256: weights for of_one in each for sha256, weights in of_one.items()}}
+
+    @property
     def weights(self) -> dict[str, bytes]:
         """The contents of the weights files of all networks, by their names in a dataset."""
-        return {network.file: network.weights.data for network in self.policies_of(Network)}
+        return {weights.name: weights.data for weights in self.context["weights"].values()}
 
     def policies_of(self, kind: type[P]) -> list[P]:
         """The policies of a class, including parts of others."""
-        policies = (policy for experiment in self.experiments for policy in experiment.policies)
-        return [part for policy in policies for part in policy.everywhere(kind)]
+        return [policy for experiment in self.experiments for policy in experiment.everywhere(kind)]
+
+    def loaded(self, acting: Acting) -> DatasetSpec:
+        """A copy in which all objects of users are loaded, so that they can act until `acting` ends."""
+        return replace(self, experiments=tuple(each.loaded(acting) for each in self.experiments))
 
     def rows_in(self, shards: Iterable[Shard]) -> int:
         """The number of transitions in some of the shards."""

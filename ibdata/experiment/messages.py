@@ -14,7 +14,7 @@ from ibdata.errors import ConfigError, Loc, Problems, meant, suggestion
 from ibdata.experiment.fields import LICENCE, LICENCE_PATTERN, SHARE_PATTERN
 from ibdata.numerics.naming import NAME_PATTERN
 from ibdata.policies import POLICIES
-from ibdata.policies.custom import TARGET, TARGET_MEANT
+from ibdata.policies.user_object import TARGET, TARGET_MEANT
 from ibdata.policies.weights_file import SHA256
 
 # type of an error → what was expected; the context of the error fills the braces
@@ -151,15 +151,14 @@ def _message(error: Mapping[str, Any], options: list[str]) -> str:
 
 def _options_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
     """The names of the options that are valid in the mapping at a path."""
-    if loc[:1] == ("policies",) and len(loc) > 1:
-        block = _at(data, loc)
-        policy = POLICIES.get(str(block.get("kind"))) if isinstance(block, dict) else None
-        return list(policy.model_fields) if policy else []
-    for part in loc:
-        data = data[part]
+    for part in (None, *loc):
+        if part is not None:
+            data = data[part]
         if (field := model.model_fields.get(str(part))) is not None:
             candidates = _models(field.annotation)
             model = max(candidates, key=lambda candidate: _fit(candidate, data), default=model)
+        if isinstance(data, dict):
+            model = POLICIES.get(str(data.get("kind")), model)
     return list(model.model_fields)
 
 

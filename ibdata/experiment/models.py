@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from copy import deepcopy
 from functools import cached_property
 from itertools import combinations, pairwise, product
 from pathlib import Path
@@ -38,6 +37,8 @@ from ibdata.experiment.scenario import Cell, Dynamics, Scenario
 from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
+from ibdata.policies.network import Network
+from ibdata.policies.user_object import ObjectPolicy
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -94,9 +95,6 @@ class Experiment(FrozenModel):
         """The folder of the YAML file, if it was loaded from one; not part of the experiment."""
         return self._folder
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Experiment) and self.options() == other.options()
-
     @cached_property
     def scenario(self) -> Scenario:
         """What is simulated."""
@@ -108,6 +106,12 @@ class Experiment(FrozenModel):
             episodes=self.episodes,
             seed=self.seed,
         )
+
+    @property
+    def context(self) -> dict[str, Any]:
+        """The folder, and the weights of all networks by their SHA-256, so that a copy needs no file."""
+        weights = {network.sha256: network.weights for network in self.everywhere(Network)}
+        return {"folder": self._folder, "weights": weights}
 
     @property
     def variant(self) -> Variant:
@@ -165,10 +169,9 @@ class Experiment(FrozenModel):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder. Raises ConfigError if the copy is not valid."""
-        options = deepcopy(self.options()) if deep else self.options()
-        options = {**options, **native(update or {})}
-        with refusals(options, type(self)):
-            return self.model_validate(options, context={"folder": self.folder})
+        update = native(update or {})
+        with refusals({**self.options(), **update}, type(self)):
+            return super().model_copy(update=update, deep=deep)
 
     def part(self, steps: int, episodes: int) -> Experiment:
         """The same cells with fewer steps and episodes, and without splits, which may name other episodes."""
@@ -192,7 +195,7 @@ class Experiment(FrozenModel):
             problems.append((("setpoints",), problem))
         forms = [policy.form() for policy in self.policies]
         for i, form in enumerate(forms):
-            if form in forms[:i]:
+            if form in forms[:i] and not any(self.policies[i].everywhere(ObjectPolicy)):
                 message = f"found the same policy as policies.{forms.index(form)}; remove one of the two"
                 problems.append((("policies", i), message))
         for name, split in self.splits.items():

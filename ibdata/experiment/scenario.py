@@ -31,6 +31,7 @@ from ibdata.experiment.messages import refusals
 from ibdata.policies import Policy
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.expert import Expert
+from ibdata.policies.user_object import ObjectPolicy
 from ibdata.simulation.episodes import World
 
 
@@ -177,12 +178,14 @@ class Cell:
     start: Any
 
     def form(self) -> dict[str, Any]:
-        """The canonical form, from which the digest is computed. Labels are not part of it."""
+        """The canonical form, from which the digest is computed. A label is part of it for objects only."""
+        is_object = any(self.policy.everywhere(ObjectPolicy))  # two of one class draw apart
         return {
             "dynamics": self.dynamics,
             "setpoint": {"drifting": self.setpoint.hex()} if self.drifting else self.setpoint.hex(),
             "policy": self.policy.form(),
             "start": self.start,
+            **({"label": self.label} if is_object else {}),
         }
 
     @cached_property

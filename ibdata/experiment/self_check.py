@@ -40,8 +40,3 @@ def answer() -> str:
     least = sys.float_info.min
     keeps_denormals = least / 2.0 * 2.0 == least  # a library can tell the processor to treat them as 0
     return hashlib.sha256(digest(MOVING) + digest(PRINTED) + bytes([keeps_denormals])).hexdigest()
-
-
-def is_right(computed: str) -> bool:
-    """Whether an `answer` is that of all machines that compute the right bits."""
-    return computed == ANSWER

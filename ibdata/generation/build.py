@@ -25,7 +25,7 @@ from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.record import Record
 from ibdata.numerics.naming import counted
-from ibdata.policies.live import Live, without_runs
+from ibdata.policies.user_object import ObjectPolicy
 from ibdata.system.files import keep_access, part_of, paths_in, remove, sync_all
 from ibdata.system.part import RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
 from ibdata.system.signals import ignore
@@ -103,6 +103,8 @@ class Build:
 
     def begun_shards(self) -> int:
         """How many shards of this dataset are finished in the part, as far as the files of its code tell."""
+        if self.spec.policies_of(ObjectPolicy):
+            return 0  # whose run begins again
         mine = Record.of(self.spec, code=[], reproducible=False).makes()
         return max(
             (
@@ -152,7 +154,7 @@ class Build:
             except Interrupted as error:
                 if done := self.finished:
                     how = "the same command goes on"
-                    if self.spec.policies_of(Live):
+                    if self.spec.policies_of(ObjectPolicy):
                         how = "with an object of this session as a policy, a run begins again"
                     error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; {how}"
                 raise
@@ -280,12 +282,11 @@ def is_of(listed: Manifest, spec: DatasetSpec) -> bool:
 
 def refuse_other(listed: Manifest, spec: DatasetSpec, name: str, remedy: str) -> None:
     """Raise UsageError if a manifest is that of another dataset."""
-    if is_of(listed, spec):
+    is_of_object, is_same = bool(spec.policies_of(ObjectPolicy)), is_of(listed, spec)
+    if is_same and not is_of_object:
         return
-    what = "of another experiment"
-    if without_runs(listed.experiments) == without_runs(spec.plain()["experiments"]):
-        what = "of another object of this Python session, or of the same before it changed"
-    raise UsageError(f"{name}: holds the dataset {what}; {remedy}, or choose another --out")
+    whose = "an object of a Python session" if is_same else "another experiment"
+    raise UsageError(f"{name}: holds the dataset of {whose}; {remedy}, or choose another --out")
 
 
 def size_in(folder: Path, path: str) -> int | None:

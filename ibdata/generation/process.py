@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import cached_property
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from queue import SimpleQueue
@@ -22,10 +23,8 @@ from typing import Any, NamedTuple, Protocol
 
 from ibdata.errors import IbdataError, notice
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.policies.code import Places, is_fresh, two_places
-from ibdata.policies.custom import Custom
-from ibdata.policies.live import Live
-from ibdata.policies.user_object import UserObject
+from ibdata.policies.code import Acting, is_fresh
+from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 from ibdata.system import processes
 from ibdata.system.signals import held
 
@@ -44,6 +43,7 @@ class Process(Protocol):
     """A process in which functions are called with the specification of a dataset."""
 
     spec: DatasetSpec
+    folder: Path  # the current folder, in which custom code is looked for
 
     def call(self, function: Callable[..., Any], *arguments: Any, progress: Progress | None = None) -> Any:
         """Return `function(spec, *arguments)`, with `progress` as the last argument if it is given."""
@@ -56,34 +56,32 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
     It is this process itself if there is no custom code, if a policy is a live object, or if it is that of a
     command; otherwise a new one.
     """
-    places = two_places(spec.experiments[0].folder)
-    for custom in spec.policies_of(Custom):
-        custom.look_in(places)
     for target in dict.fromkeys(custom.target for custom in spec.policies_of(Custom)):
         notice(f"running the code of {target}")
-    if not spec.policies_of(UserObject):
-        yield Here(spec)
-    elif is_fresh() or spec.policies_of(Live):
-        try:
-            yield Here(spec)
-        finally:
-            os.chdir(places[0])  # they may have gone elsewhere
-    else:
-        with closing(Worker(spec)) as worker:
-            yield worker
+    is_here = not spec.policies_of(UserObject) or is_fresh() or spec.policies_of(ObjectPolicy)
+    with closing((Here if is_here else Worker)(spec, Path.cwd())) as process:
+        yield process
 
 
 class Here:
-    """The process in which it is made."""
+    """The process in which it is made. Objects of users are loaded when a function is first called."""
 
-    def __init__(self, spec: DatasetSpec) -> None:
-        self.spec = spec
+    def __init__(self, spec: DatasetSpec, folder: Path) -> None:
+        self.spec, self.folder, self._acting = spec, folder, Acting(folder)
+
+    @cached_property
+    def _loaded(self) -> DatasetSpec:
+        return self.spec.loaded(self._acting) if self.spec.policies_of(UserObject) else self.spec
+
+    def close(self) -> None:
+        """Let no object act from now on."""
+        self._acting.close()
 
     def call(self, function: Callable[..., Any], *arguments: Any, progress: Progress | None = None) -> Any:
         """Call a function here."""
         if progress is not None:
             arguments = (*arguments, progress)
-        return function(self.spec, *arguments)
+        return function(self._loaded, *arguments)
 
 
 class WorkerTask(NamedTuple):
@@ -91,22 +89,18 @@ class WorkerTask(NamedTuple):
 
     spec: dict[str, Any]  # as `DatasetSpec.plain` gives it
     weights: dict[str, bytes]
-    places: Places  # where the code of custom policies is looked for; the first is the current folder
+    folder: Path  # the current one
+    yaml_folder: Path | None  # that of the YAML file
     root: Path | None  # the folder of the run, with whose record the worker is compared
 
     @classmethod
-    def of(cls, spec: DatasetSpec, root: Path | None) -> WorkerTask:
-        """The task for a dataset, whose custom policies know where their code is looked for."""
-        policies = spec.policies_of(Custom)
-        places = policies[0].places if policies else (Path.cwd(),)
-        return cls(spec.plain(), spec.weights, places, root)
+    def of(cls, spec: DatasetSpec, folder: Path, root: Path | None) -> WorkerTask:
+        """The task for a dataset."""
+        return cls(spec.plain(), spec.weights, folder, spec.experiments[0].folder, root)
 
-    def dataset_spec(self) -> DatasetSpec:
-        """The specification of the dataset."""
-        spec = DatasetSpec.from_plain(self.spec, self.weights)
-        for custom in spec.policies_of(Custom):
-            custom.look_in(self.places)
-        return spec
+    def here(self) -> Here:
+        """The process in which the dataset is made, which is this one."""
+        return Here(DatasetSpec.from_plain(self.spec, self.weights, self.yaml_folder), self.folder)
 
 
 class Question(NamedTuple):
@@ -133,10 +127,10 @@ class Failure(NamedTuple):
 class Worker:
     """A process of its own, which is compared with the record of the run in a folder if there is one."""
 
-    def __init__(self, spec: DatasetSpec, root: Path | None = None) -> None:
-        self.spec = spec
+    def __init__(self, spec: DatasetSpec, folder: Path, root: Path | None = None) -> None:
+        self.spec, self.folder = spec, folder
         self._machine_code = TemporaryDirectory(prefix="ibdata-")
-        self._waiting: list[Any] = [WorkerTask.of(spec, root)]
+        self._waiting: list[Any] = [WorkerTask.of(spec, folder, root)]
         self._pipe, theirs = Pipe()
         path = [folder for folder in sys.path if folder]
         arguments = [sys.executable, "-c", BEGIN, str(theirs.fileno()), *path]
@@ -200,14 +194,14 @@ def _listen(pipe: Connection, received: SimpleQueue[Any]) -> None:
 def _work(task: WorkerTask, questions: SimpleQueue[Question], pipe: Connection) -> None:
     from ibdata.generation.record import agree
 
-    os.chdir(task.places[0])  # a policy may have changed the parent's current folder
-    here, root = Here(task.dataset_spec()), task.root
+    os.chdir(task.folder)  # a policy may have changed the parent's current folder
+    here, root = task.here(), task.root
     while True:
         function, arguments, shows_progress = questions.get()
         progress = (lambda rows: pipe.send(Rows(rows))) if shows_progress else None
         try:
             if root is not None:
-                agree(here.spec, root)
+                here.call(agree, root)
                 root = None
             answer = here.call(function, *arguments, progress=progress)
         except Exception as error:

@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from ibdata.errors import IbdataError, missing
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.generation.process import WorkerTask
+from ibdata.generation.process import Here, Process, WorkerTask
 from ibdata.generation.record import agree
 from ibdata.generation.workers import make_shard
 from ibdata.policies.user_object import UserObject
@@ -38,7 +38,7 @@ def library() -> Any:
 
 
 def run(
-    spec: DatasetSpec,
+    process: Process,
     shards: list[Shard],
     root: Path,
     workers: int | None = None,
@@ -54,8 +54,8 @@ def run(
     """
     ray = library()
     with _connected(ray, workers, address) as is_started:
-        work = ray.remote(max_retries=MAX_DEATHS, **_own_workers(spec, root))(_work)
-        task = ray.put(WorkerTask.of(spec, root))
+        work = ray.remote(max_retries=MAX_DEATHS, **_own_workers(process.spec, root))(_work)
+        task = ray.put(WorkerTask.of(process.spec, process.folder, root))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -101,8 +101,8 @@ def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}
 
 
-# Of this worker, by the folder of a run and its experiments; its record was compared with that of the run.
-_specs: dict[tuple[Path, str], DatasetSpec] = {}
+# This worker, by the folder of a run and its experiments; its record was compared with that of the run.
+_known: dict[tuple[Path, str], Here] = {}
 
 
 def _work(task: WorkerTask, shard: Shard) -> None:
@@ -114,11 +114,11 @@ def _work(task: WorkerTask, shard: Shard) -> None:
         )
     processes.purpose = "worker"
     run = root, json.dumps(task.spec, sort_keys=True)
-    if run not in _specs:
-        spec = task.dataset_spec()
-        agree(spec, root)
-        _specs[run] = spec
-    make_shard(_specs[run], shard, root, True, None, unseen)
+    if run not in _known:
+        here = task.here()
+        here.call(agree, root)
+        _known[run] = here
+    _known[run].call(make_shard, shard, root, True, None, progress=unseen)
 
 
 @contextmanager

@@ -22,8 +22,7 @@ from ibdata.experiment.code import changed, names_of, record
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import rollout
 from ibdata.experiment.scenario import other_dynamics
-from ibdata.policies.live import Live
-from ibdata.policies.user_object import UserObject, refuse_shared
+from ibdata.policies.user_object import LIVE, ObjectPolicy, UserObject, refuse_shared
 from ibdata.system.files import read_sealed, sealed, write
 from ibdata.system.part import NOTE
 from ibdata.system.signals import check
@@ -83,6 +82,8 @@ class Record(JsonObject):
 
     def difference(self, other: Record) -> str | None:
         """How this run differs from another one, in words; None if each can go on with the other's shards."""
+        if any(code.target.startswith(LIVE) for code in self.code):
+            return "of an object of a Python session"
         if self.makes() != other.makes():
             return "of another experiment"
         if names := changed(self.code, other.code):
@@ -98,7 +99,7 @@ def observe(spec: DatasetSpec) -> Record:
     What a user should know about its policies is said on stderr.
     """
     code, answer = _code(spec), known_answer()
-    reproducible = self_check.is_right(answer) and not spec.policies_of(Live)
+    reproducible = answer == self_check.ANSWER and not spec.policies_of(ObjectPolicy)
     record = Record.of(spec, code=code, reproducible=reproducible, known_answer=answer)
     if spec.policies_of(UserObject):
         for experiment in spec.experiments:
@@ -116,8 +117,8 @@ def observe(spec: DatasetSpec) -> Record:
 def _code(spec: DatasetSpec) -> list[Code]:
     policies = spec.policies_of(UserObject)
     for policy in policies:
-        policy.check_once()
-    for experiment in spec.experiments:
+        policy.refuse_impure()
+    for experiment in spec.experiments if policies else ():
         for policy_of_label in experiment.policies:
             refuse_shared(policy_of_label)
     for experiment in spec.experiments:
@@ -161,6 +162,6 @@ def known_answer(therefore: str = "the manifest says reproducible: false") -> st
     """Make the known runs and return their `answer`. If the bits are not right, a line on stderr says so."""
     answer = self_check.answer()
     check()
-    if not self_check.is_right(answer):
+    if answer != self_check.ANSWER:
         notice(f"this machine computes other bits than expected; {therefore}")
     return answer

@@ -15,8 +15,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.process import Process, Progress, Worker
-from ibdata.policies.custom import Custom
-from ibdata.policies.live import Live
+from ibdata.policies.user_object import Custom, ObjectPolicy
 from ibdata.system.processes import available_processors
 from ibdata.system.signals import check, held
 from ibdata.writing.columns import Piece, simulated
@@ -51,7 +50,7 @@ def select_engine(name: str, workers: int | None, address: str | None) -> Engine
         from ibdata.generation import ray
 
         ray.library()
-        return lambda process, shards, root, reach: ray.run(process.spec, shards, root, workers, address)
+        return lambda process, shards, root, reach: ray.run(process, shards, root, workers, address)
     if address is not None:
         raise UsageError(f"address: found {address!r}, which is only for the engine ray")
     return lambda process, shards, root, reach: run(process, shards, root, workers, reach)
@@ -82,7 +81,7 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
         shards: The shards to make.
         workers: The number of processes; None chooses it by the work.
     """
-    if spec.policies_of(Live):
+    if spec.policies_of(ObjectPolicy):
         return Division(1, 1)
     processors, own_code = available_processors(), bool(spec.policies_of(Custom))
     if workers is None:
@@ -127,7 +126,9 @@ def run(
         stack.callback(pool.shutdown, cancel_futures=True)
         if isinstance(process, Worker) or division.processes > 1:
             for i in range(at_once):
-                worker = process if isinstance(process, Worker) and i == 0 else Worker(spec, root)
+                worker = (
+                    process if isinstance(process, Worker) and i == 0 else Worker(spec, process.folder, root)
+                )
                 stack.callback(worker.close)
                 makers.put(_maker(worker, root, division.threads > 1, None))
         else:

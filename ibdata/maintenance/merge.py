@@ -15,6 +15,7 @@ from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.maintenance.rewrite import Source, sources_of, write_dataset
 from ibdata.numerics.naming import NAME_PATTERN, counted, exact
+from ibdata.policies.user_object import ObjectPolicy
 
 
 @public
@@ -72,10 +73,11 @@ def _refuse_shared_episodes(experiments: Sequence[Experiment], sources: Sequence
         for cell in experiment.cells:
             known = owners.setdefault((experiment.seed, cell.digest), source)
             if known is not source:
+                remedy = "name one of the objects, or " if any(cell.policy.everywhere(ObjectPolicy)) else ""
                 raise UsageError(
                     f"{source.dataset.place}: setpoint {exact(cell.setpoint)}, policy {cell.label}: the "
-                    f"same episodes are also in {known.dataset.place}; make one of the datasets with another "
-                    "--seed"
+                    f"same episodes are also in {known.dataset.place}; {remedy}make one of the datasets with "
+                    "another --seed"
                 )
 
 

@@ -22,9 +22,8 @@ from ibdata.policies.base import (
     Policy,
     at_start,
 )
-from ibdata.policies.compound import Wrapper
+from ibdata.policies.compound import POLICIES, AnyPolicy, Wrapper
 from ibdata.policies.distributions import Certain, ClippedNormal, Distribution, Uniform
-from ibdata.policies.kinds import POLICIES, AnyPolicy
 
 for _module in pkgutil.iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")

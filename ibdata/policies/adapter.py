@@ -20,7 +20,7 @@ from ibdata.policies.libraries import is_torch_module, module_call, normalized
 EXPECTED = (
     "an object with decide(observed), act(history, u) or predict(observations), a torch module, or a function"
 )
-NO_NUMBERS = "no random numbers; if it draws 3 per step, write uniforms: 3 beside its target in a block"
+NO_NUMBERS = "no random numbers; if it draws 3 per step, write draws: 3 beside its target in a block"
 METHODS = ("decide", "act", "predict")
 KEYWORDS = {"state", "episode_start", "deterministic"}  # of predict, as in SB3
 
@@ -78,7 +78,7 @@ class Adapter:
     def _shapes(self, observed: Observed) -> str:
         n, history, columns = observed.observations.shape
         if hasattr(self.target, "decide") or hasattr(self.target, "act"):
-            numbers = f"random numbers {observed.uniforms.shape}" if observed.uniforms.size else NO_NUMBERS
+            numbers = f"random numbers {observed.draws.shape}" if observed.draws.size else NO_NUMBERS
             return f"observations {(n, history, columns)} and {numbers}"
         return f"observations {(n, history * columns)}"
 
@@ -94,7 +94,7 @@ class Adapter:
             if isinstance(answer, Distribution):
                 return Answer(answer, memory, observed.step)
         elif hasattr(self.target, "act"):
-            answer = self.target.act(observed.observations.copy(), observed.uniforms.copy())
+            answer = self.target.act(observed.observations.copy(), observed.draws.copy())
         else:
             answer = self._predicted(observed, state)
             if "state" in self._keywords and isinstance(answer, tuple) and len(answer) > 1:
@@ -166,14 +166,14 @@ def has_needs(target: Any) -> bool:
         found = "a method" if callable(needs) else repr(needs)
         raise UsageError(
             f"{type(target).__name__}.needs: found {found}, expected an attribute or a property that is a "
-            "Needs(history, step_draws, episode_draws, memory) of ibdata.policies"
+            "Needs(history, draws, episode_draws, memory) of ibdata.policies"
         )
     return needs is not None
 
 
-def needs_of(target: Any, history: int = 1, step_draws: int = 0) -> Needs:
+def needs_of(target: Any, history: int = 1, draws: int = 0) -> Needs:
     """The needs of an object: its attribute `needs` if it has one, else these."""
-    needs: Needs = target.needs if has_needs(target) else Needs(history, step_draws)
+    needs: Needs = target.needs if has_needs(target) else Needs(history, draws)
     return needs
 
 

@@ -16,6 +16,8 @@ from ibdata.policies.distributions import Distribution
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+    from ibdata.policies.code import Acting
+
 Float32s = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -34,13 +36,13 @@ class Needs(NamedTuple):
 
     Attributes:
         history: the latest observations that it sees, 0 for none, and as many of the latest actions.
-        step_draws: uniform random numbers at each step.
+        draws: uniform random numbers at each step.
         episode_draws: uniform random numbers that are drawn once for an episode.
         memory: numbers that it remembers from one step to the next.
     """
 
     history: int = 1
-    step_draws: int = 0
+    draws: int = 0
     episode_draws: int = 0
     memory: int = 0
 
@@ -54,8 +56,8 @@ class Observed(NamedTuple):
         actions: the actions that led to these observations, float32 (n, history, 3), so the last action
             first. Before an episode's first action they are zero.
         step: the step of each episode, counted from 0, int64 (n,).
-        uniforms: independent random numbers, uniform on (0, 1), float64 (n, step_draws).
-        episode_uniforms: random numbers of the episode, which are the same at each of its steps, float64
+        draws: independent random numbers, uniform on (0, 1), float64 (n, draws).
+        episode_draws: random numbers of the episode, which are the same at each of its steps, float64
             (n, episode_draws).
         memory: the numbers that the policy returned at the step before, float64 (n, memory); zeros at the
             start of an episode.
@@ -64,8 +66,8 @@ class Observed(NamedTuple):
     observations: Float32s
     actions: Float32s
     step: Steps
-    uniforms: Floats
-    episode_uniforms: Floats
+    draws: Floats
+    episode_draws: Floats
     memory: Floats
 
     def apply(self, change: Callable[[Any], Any]) -> Observed:
@@ -78,8 +80,8 @@ class Observed(NamedTuple):
             np.ascontiguousarray(self.observations[:, : needs.history]),
             np.ascontiguousarray(self.actions[:, : needs.history]),
             self.step,
-            np.ascontiguousarray(self.uniforms[:, : needs.step_draws]),
-            np.ascontiguousarray(self.episode_uniforms[:, : needs.episode_draws]),
+            np.ascontiguousarray(self.draws[:, : needs.draws]),
+            np.ascontiguousarray(self.episode_draws[:, : needs.episode_draws]),
             np.ascontiguousarray(self.memory[:, : needs.memory]),
         )
 
@@ -108,11 +110,47 @@ class FrozenModel(BaseModel):
 
         Raises pydantic's ValidationError where the options are not valid.
         """
-        return self.model_validate({**super().model_copy(deep=deep).options(), **(update or {})})
+        options = {**super().model_copy(deep=deep).options(), **(update or {})}
+        return self.model_validate(options, context=self.context)
+
+    @property
+    def context(self) -> dict[str, Any]:
+        """What a copy is checked with: the `folder` of files, and known `weights` by their SHA-256."""
+        return {}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, type(self)) and self.options() == other.options()
 
     def options(self) -> dict[str, Any]:
         """The options of the block by name, as they are."""
         return {name: getattr(self, name) for name in type(self).model_fields}
+
+    @cached_property
+    def inner(self) -> tuple[Policy, ...]:
+        """The policies of which this one is made: those in its options, in order."""
+        return tuple(_policies_in(list(self.options().values())))
+
+    def everywhere(self, kind: type[Kind]) -> Iterator[Kind]:
+        """Yield those of a class among this block and all policies of which it is made, at any depth."""
+        if isinstance(self, kind):
+            yield self
+        for policy in self.inner:
+            yield from policy.everywhere(kind)
+
+    def mapped(self, change: Callable[[Policy], Policy]) -> Self:
+        """A copy in which each policy of `inner` is changed, without properties computed of the others."""
+        if not self.inner:
+            return self
+        copy = self.__copy__()
+        for name in vars(self):
+            if isinstance(getattr(type(self), name, None), cached_property):
+                del vars(copy)[name]
+        vars(copy).update({name: _mapped(option, change) for name, option in self.options().items()})
+        return copy
+
+    def loaded(self, acting: Acting) -> Self:
+        """A copy in which all objects of users are loaded, so that they can act until `acting` ends."""
+        return self.mapped(lambda policy: policy.loaded(acting))
 
 
 def refuse_density(policy: Any) -> None:
@@ -157,21 +195,6 @@ class Policy(FrozenModel):
         """The policy's label in the data."""
         return self.name or self.kind
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Policy) and type(self) is type(other) and self.options() == other.options()
-
-    @cached_property
-    def inner(self) -> tuple[Policy, ...]:
-        """The policies of which this one is made: those in its options, in order."""
-        return tuple(_policies_in(list(self.options().values())))
-
-    def everywhere(self, kind: type[Kind]) -> Iterator[Kind]:
-        """Yield those of a class among this policy and all of which it is made, at any depth."""
-        if isinstance(self, kind):
-            yield self
-        for policy in self.inner:
-            yield from policy.everywhere(kind)
-
     def form(self) -> dict[str, Any]:
         """The kind and the options that differ from their defaults, from which digests are computed."""
         plain = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
@@ -187,6 +210,15 @@ def _policies_in(value: Any) -> Iterator[Policy]:
     elif isinstance(value, list):
         for item in value:
             yield from _policies_in(item)
+
+
+def _mapped(value: Any, change: Callable[[Policy], Policy]) -> Any:
+    """The value of an option in which each policy is changed."""
+    if isinstance(value, Policy):
+        return change(value)
+    if isinstance(value, FrozenModel):
+        return value.mapped(change)
+    return [_mapped(item, change) for item in value] if isinstance(value, list) else value
 
 
 def _form(value: Any, plain: Any) -> Any:
@@ -209,7 +241,7 @@ def is_deterministic(policy: Policy) -> TypeGuard[Deterministic]:
     return isinstance(policy, Deterministic) or getattr(policy, "deterministic", False)
 
 
-def at_start(observations: Float32s, needs: Needs, uniforms: Floats | None = None) -> Observed:
+def at_start(observations: Float32s, needs: Needs, draws: Floats | None = None) -> Observed:
     """What a policy is given at the first step of n episodes with these observations (n, history, 6).
 
     Random numbers are ½ where none are given.
@@ -222,7 +254,7 @@ def at_start(observations: Float32s, needs: Needs, uniforms: Floats | None = Non
         observations,
         np.zeros((n, history, 3), dtype=np.float32),
         np.zeros(n, dtype=np.int64),
-        np.full((n, needs.step_draws), 0.5) if uniforms is None else uniforms,
+        np.full((n, needs.draws), 0.5) if draws is None else draws,
         np.full((n, needs.episode_draws), 0.5),
         np.zeros((n, needs.memory)),
     )

@@ -38,7 +38,7 @@ class Random(Policy):
     Source: Hein et al. 2017, section "Experimental Prototypes".
     """
 
-    needs: ClassVar[Needs] = Needs(history=0, step_draws=3)
+    needs: ClassVar[Needs] = Needs(history=0, draws=3)
 
     kind: Literal["random"] = "random"
 
@@ -64,7 +64,7 @@ class Safe(Policy):
     appendix C.3.1, as restated by `angelolovatto/raylab`; we take 1/√3 as the standard deviation.
     """
 
-    needs: ClassVar[Needs] = Needs(history=1, step_draws=5)
+    needs: ClassVar[Needs] = Needs(history=1, draws=5)
 
     kind: Literal["safe"] = "safe"
 

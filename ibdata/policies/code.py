@@ -14,8 +14,8 @@ import sysconfig
 import tempfile
 import traceback
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, redirect_stdout
-from contextvars import ContextVar
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, redirect_stdout
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -31,13 +31,34 @@ PACKAGE = Path(__file__).parents[1]
 STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
 LONGEST = 300  # characters of an error's own text
 
-known_before: set[str] = set()  # the modules of this process before it first imported custom code
-_loading: ContextVar[tuple[str, ...]] = ContextVar("loading", default=())
+
+class Acting(ExitStack):
+    """The time in which objects of users act: at its end, the folder and Python's path are as before."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        super().__init__()
+        self._folder = folder
+
+    @cached_property
+    def folder(self) -> Path:
+        """The current folder before any object acts, in which code is looked for."""
+        return self._folder or Path.cwd()
+
+    def add_to_path(self, folders: Iterable[str]) -> None:
+        """Let Python look for modules in these folders, before all others as `python -m` does."""
+        for folder in reversed(list(dict.fromkeys(folders))):
+            sys.path.insert(0, folder)
+            self.callback(_leave_path, folder)
 
 
-def two_places(folder: Path | None) -> Places:
+def _leave_path(folder: str) -> None:
+    if folder in sys.path:
+        sys.path.remove(folder)
+
+
+def two_places(current: Path, folder: Path | None) -> Places:
     """The current folder, and that of the YAML file if there is one and it is another."""
-    return tuple(dict.fromkeys([Path.cwd(), *([] if folder is None else [folder.absolute()])]))
+    return tuple(dict.fromkeys([current, *([] if folder is None else [folder.absolute()])]))
 
 
 def located(name: str, what: str, places: Places) -> Path:
@@ -57,13 +78,13 @@ def located(name: str, what: str, places: Places) -> Path:
 
 def is_fresh() -> bool:
     """Whether this is a process of ibdata's own that has imported no custom code."""
-    return processes.purpose != "session" and not known_before
+    return processes.purpose != "session" and not processes.known_before
 
 
 def imported(module: str, file: Path | None) -> ModuleType:
     """The module of a name, or one made of a file."""
-    if not known_before:
-        known_before.update(sys.modules)
+    if not processes.known_before:
+        processes.known_before.update(sys.modules)
         if processes.purpose == "command":
             _forget_machine_code()
     return import_module(module) if file is None else _module_of(file)
@@ -110,17 +131,17 @@ def _refuse_other_helpers(file: Path, source: bytes) -> None:
 def loading(target: str) -> Iterator[None]:
     """A context in which the code of a target is loaded."""
     refuse_within_itself([target])
-    token = _loading.set((*_loading.get(), target))
+    token = processes.loading.set((*processes.loading.get(), target))
     try:
         yield
     finally:
-        _loading.reset(token)
+        processes.loading.reset(token)
 
 
 def refuse_within_itself(targets: Iterable[str]) -> None:
     """Raise UsageError if one of these targets is being loaded, as that of a script that names itself."""
     for target in targets:
-        if target in _loading.get():
+        if target in processes.loading.get():
             raise UsageError(
                 f"{target}: calls ibdata with itself as a policy while it is imported; put the policy into a "
                 'file of its own, or such calls under `if __name__ == "__main__":`'

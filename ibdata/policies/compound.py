@@ -1,36 +1,82 @@
-"""Policies made of others: a base whose actions are replaced, and one of several that acts."""
+"""Policies within others: their types; a base whose actions are replaced; and one of several that acts."""
 
 from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from itertools import accumulate
 from operator import itemgetter
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Union
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import no_info_before_validator_function
 
 from ibdata.numerics.naming import unequal
 from ibdata.policies.actions import applied
+from ibdata.policies.adapter import can_act
 from ibdata.policies.base import (
     Decision,
-    Float32s,
-    Floats,
+    Deterministic,
     FrozenModel,
     Needs,
     Observed,
     Policy,
-    Steps,
     is_deterministic,
 )
 from ibdata.policies.checked import ask
-from ibdata.policies.distributions import ByRow, Distribution, Group
-from ibdata.policies.kinds import AnyPolicy, OneOf
+from ibdata.policies.distributions import ByRow, Distribution, Float32s, Floats, Group
 from ibdata.policies.replaced import OrUniform
+
+# By kind, in alphabetical order: the package fills it when all its modules are imported.
+POLICIES: dict[str, type[Policy]] = {}
+
+
+class OneOf:
+    """An annotation of a policy: a block of one of these kinds, its bare name, or an object that acts.
+
+    It asks for the kinds when a block is checked for the first time. All policies are known by then.
+    """
+
+    def __init__(self, is_allowed: Callable[[type[Policy]], bool]) -> None:
+        self._is_allowed = is_allowed
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        kinds = tuple(filter(self._is_allowed, POLICIES.values()))
+        block = handler.generate_schema(Annotated[Union[kinds], Field(discriminator="kind")])  # noqa: UP007
+        return no_info_before_validator_function(_block_of, block)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        block = handler(schema)
+        options = {kind: POLICIES[kind].model_fields.values() for kind in block["discriminator"]["mapping"]}
+        complete = [kind for kind, fields in options.items() if not any(x.is_required() for x in fields)]
+        return {"anyOf": [{"enum": complete, "type": "string"}, block]}
+
+
+def _block_of(value: Any) -> Any:
+    """The block {kind: name} of a name, or that of an object of Python's; anything else as it is."""
+    if isinstance(value, str):
+        return {"kind": value}
+    if isinstance(value, Mapping) and value.get("kind") == "custom" and can_act(value.get("target")):
+        return {**value, "kind": "live"}
+    is_object = type(value) not in POLICIES.values() and can_act(value)
+    return {"kind": "live", "target": value} if is_object else value
+
+
+def _may_be_certain(policy: type[Policy]) -> bool:
+    """Whether a policy's actions are certain, or may be so by its option `deterministic`."""
+    return issubclass(policy, Deterministic) or "deterministic" in policy.model_fields
+
+
+AnyPolicy = Annotated[Policy, OneOf(lambda policy: True)]
+DeterministicBase = Annotated[Policy, OneOf(_may_be_certain)]
 
 
 def _without_name(base: Policy) -> Policy:
@@ -72,7 +118,7 @@ class Wrapper(Policy):
         base, further = self.base.needs, self.own_needs
         return Needs(
             max(base.history, further.history),
-            base.step_draws + further.step_draws,
+            base.draws + further.draws,
             base.episode_draws + further.episode_draws,
             base.memory + further.memory,
         )
@@ -81,8 +127,8 @@ class Wrapper(Policy):
         """The random numbers and the memory that the base does not use."""
         base = self.base.needs
         return observed._replace(
-            uniforms=np.ascontiguousarray(observed.uniforms[:, base.step_draws :]),
-            episode_uniforms=np.ascontiguousarray(observed.episode_uniforms[:, base.episode_draws :]),
+            draws=np.ascontiguousarray(observed.draws[:, base.draws :]),
+            episode_draws=np.ascontiguousarray(observed.episode_draws[:, base.episode_draws :]),
             memory=np.ascontiguousarray(observed.memory[:, base.memory :]),
         )
 
@@ -93,15 +139,10 @@ class Wrapper(Policy):
     def base_action(self, observed: Observed) -> tuple[Float32s, Floats]:
         """The actions (n, 3) of a base that draws nothing, clipped and rounded, and its memory."""
         distribution, memory = self.base_distribution(observed)
-        return applied(distribution.sample(observed.uniforms)), memory
+        return applied(distribution.sample(observed.draws)), memory
 
 
-def _is_simple(policy: type[Policy]) -> bool:
-    """Whether a policy is not made of others."""
-    return not issubclass(policy, Wrapper | Choice)
-
-
-SimplePolicy = Annotated[Policy, OneOf(_is_simple)]
+SimplePolicy = Annotated[Policy, OneOf(lambda policy: not issubclass(policy, Wrapper | Choice))]
 Probability = Annotated[
     float,
     Field(ge=0.0, le=1.0, strict=True, allow_inf_nan=False),
@@ -116,7 +157,7 @@ class EpsilonGreedy(Wrapper):
     we infer that the published Industrial Benchmark data were made in the same way.
     """
 
-    own_needs: ClassVar[Needs] = Needs(history=0, step_draws=4)  # one that decides, three for the action
+    own_needs: ClassVar[Needs] = Needs(history=0, draws=4)  # one that decides, three for the action
 
     kind: Literal["epsilon_greedy"] = "epsilon_greedy"
     base: Annotated[SimplePolicy, Unnamed] = Field(description="the policy whose actions are replaced")
@@ -125,7 +166,7 @@ class EpsilonGreedy(Wrapper):
     def decide(self, observed: Observed) -> Decision:
         base, memory = self.base_distribution(observed)
         epsilon = np.full(len(observed.step), self.epsilon)
-        return Decision(OrUniform(epsilon, base, first=self.base.needs.step_draws), memory)
+        return Decision(OrUniform(epsilon, base, first=self.base.needs.draws), memory)
 
 
 Numbers = npt.NDArray[np.int64]
@@ -142,7 +183,7 @@ class Choice(Policy):
     def chosen(self, observed: Observed) -> Numbers:
         """The number of the policy that acts in each episode, (n,)."""
 
-    def began(self, observed: Observed) -> Steps:
+    def began(self, observed: Observed) -> Numbers:
         """The step of each episode at which the policy that acts began, without memory, (n,)."""
         return np.zeros_like(observed.step)
 
@@ -157,7 +198,7 @@ class Choice(Policy):
         choice, needs = self.own_needs, [policy.needs for policy in self.inner]
         return Needs(
             history=max(n.history for n in needs),
-            step_draws=max(n.step_draws for n in needs) + choice.step_draws,
+            draws=max(n.draws for n in needs) + choice.draws,
             episode_draws=sum(n.episode_draws for n in needs) + choice.episode_draws,
             memory=max(n.memory for n in needs),
         )
@@ -167,8 +208,8 @@ class Choice(Policy):
         for policy, episodes, part in self._parts(observed):
             distribution, remembered = ask(policy, part)
             memory[episodes, : part.memory.shape[1]] = remembered
-            groups.append(Group(episodes, distribution, policy.needs.step_draws))
-        return Decision(ByRow(groups, self.needs.step_draws), memory)
+            groups.append(Group(episodes, distribution, policy.needs.draws))
+        return Decision(ByRow(groups, self.needs.draws), memory)
 
     def _parts(self, observed: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
         """Yield each policy that acts in some episodes, their numbers, and what it is given."""
@@ -178,7 +219,7 @@ class Choice(Policy):
         for number, policy in enumerate(self.inner):
             needs, rows = policy.needs, np.flatnonzero(which == number)
             if len(rows):
-                part = begun._replace(episode_uniforms=observed.episode_uniforms[:, first:]).cut(needs)
+                part = begun._replace(episode_draws=observed.episode_draws[:, first:]).cut(needs)
                 yield policy, rows, part if len(rows) == len(step) else part.apply(itemgetter(rows))
             first += needs.episode_draws
 
@@ -219,7 +260,7 @@ class PolicyMixture(Choice):
         return np.searchsorted(bounds, u, side="right").astype(np.int64)
 
     def chosen(self, observed: Observed) -> Numbers:
-        return self.member(observed.episode_uniforms[:, 0])
+        return self.member(observed.episode_draws[:, 0])
 
     @model_validator(mode="after")
     def _check(self) -> PolicyMixture:
@@ -269,12 +310,12 @@ class Schedule(Choice):
     @property
     def own_needs(self) -> Needs:
         """If actions are replaced, four draws: one that decides, three for the action."""
-        return Needs(history=0, step_draws=4 * self.explores)
+        return Needs(history=0, draws=4 * self.explores)
 
     def chosen(self, observed: Observed) -> Numbers:
         return np.searchsorted(self._starts[1:], observed.step, side="right").astype(np.int64)
 
-    def began(self, observed: Observed) -> Steps:
+    def began(self, observed: Observed) -> Numbers:
         return self._starts[self.chosen(observed)]
 
     def decide(self, observed: Observed) -> Decision:
@@ -282,7 +323,7 @@ class Schedule(Choice):
         if not self.explores:
             return decision
         stages: Any = decision.action
-        first = self.needs.step_draws - self.own_needs.step_draws
+        first = self.needs.draws - self.own_needs.draws
         return decision._replace(action=OrUniform(self.epsilon(observed), stages, first))
 
     def epsilon(self, observed: Observed) -> Floats:
@@ -295,7 +336,7 @@ class Schedule(Choice):
         return epsilon
 
     @cached_property
-    def _starts(self) -> Steps:
+    def _starts(self) -> Numbers:
         """The first step of each stage."""
         lengths = [0, *(stage.steps or 0 for stage in self.stages[:-1])]
         return np.cumsum(np.array(lengths, dtype=np.int64))

@@ -35,7 +35,7 @@ CLIP_EDGE = 1.0 - 2.0**-25  # float32 rounds numbers from here on to 1
 class Distribution(ABC):
     """The distribution of the actions of n episodes at one step.
 
-    It must not depend on `observed.uniforms`, of which `sample` makes the actions: elsewhere they are 0.
+    It must not depend on `observed.draws`, of which `sample` makes the actions: elsewhere they are 0.
 
     Attributes:
         draws: How many uniform random numbers a sample of one action takes.
@@ -45,7 +45,7 @@ class Distribution(ABC):
 
     @abstractmethod
     def sample(self, u: Floats) -> npt.NDArray[Any]:
-        """Draw actions (n, 3), not yet clipped and rounded, from `observed.uniforms` (n, k >= `draws`)."""
+        """Draw actions (n, 3), not yet clipped and rounded, from `observed.draws` (n, k >= `draws`)."""
 
     @abstractmethod
     def log_density(self, action: Float32s) -> Floats:

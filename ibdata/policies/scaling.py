@@ -10,9 +10,9 @@ import numpy as np
 
 from ibdata.numerics.naming import exact
 from ibdata.policies.base import OBSERVATION, SETPOINT, Policy
+from ibdata.policies.checked import EPISODES, histories, played
 from ibdata.policies.libraries import owner_of
 from ibdata.policies.network import Network
-from ibdata.policies.purity import EPISODES, histories, played
 from ibdata.policies.user_object import UserObject
 
 FAR = 10.0  # standard deviations of the setpoints in training; one in 100 episodes is no farther
@@ -73,7 +73,7 @@ def _scalings(parts: Sequence[Policy]) -> Iterator[dict[str, Any]]:
             yield {"mean": part.weights.mean, "std": part.weights.std}
         elif isinstance(part, UserObject):
             with suppress(AttributeError, TypeError):  # of another scaler, or one that is not fitted
-                if scaling := scaling_of(owner_of(part.adapted)):
+                if scaling := scaling_of(owner_of(part.adapter.target)):
                     yield scaling
 
 

@@ -1,21 +1,49 @@
-"""Policies that act through an object of a user: what `custom` and `live` have in common."""
+"""Policies that act through an object of a user: of a Python session, or made by code that a block names."""
 
 from __future__ import annotations
 
+import inspect
+import json
+import os
+import re
+import sys
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    PlainSerializer,
+    PrivateAttr,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
 
-from ibdata.errors import PolicyError
-from ibdata.policies.adapter import Adapter, needs_of
-from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy
-from ibdata.policies.libraries import environment_note
-from ibdata.policies.purity import refuse_impure
+from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
+from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of
+from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy, refuse_density
+from ibdata.policies.checked import refuse_impure
+from ibdata.policies.code import (
+    Acting,
+    Places,
+    apart_from_results,
+    error_line,
+    file_of,
+    imported,
+    loading,
+    located,
+    two_places,
+)
+from ibdata.policies.libraries import environment_note, is_torch_module
 from ibdata.views.options import PLAIN, ViewOptions
 
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+LIVE = "live:"  # begins the name of an object in a record of code
 MOST_CLIPPED = 0.2  # share of the numbers of actions
 
 
@@ -25,28 +53,23 @@ class UserObject(Policy):
     history: Annotated[int, Field(strict=True, ge=1, le=10_000)] = Field(
         default=1, description="number of observations that it sees"
     )
-    uniforms: Annotated[int, Field(strict=True, ge=0, le=10_000)] = Field(
+    draws: Annotated[int, Field(strict=True, ge=0, le=10_000)] = Field(
         default=0, description="number of uniform random numbers per step for act and decide"
     )
     deterministic: bool = Field(
         default=False, strict=True, description="promise that it draws no random numbers of any kind"
     )
 
-    _is_pure: bool = PrivateAttr(False)
+    _adapter: Adapter | None = PrivateAttr(None)
 
     @model_validator(mode="after")
     def _refuse_draws(self) -> UserObject:
-        if self.deterministic and self.uniforms:
+        if self.deterministic and self.draws:
             raise ValueError(
-                f"found deterministic: true and uniforms: {self.uniforms}, expected only "
+                f"found deterministic: true and draws: {self.draws}, expected only "
                 "one of them, because a deterministic policy draws nothing"
             )
         return self
-
-    @property
-    def adapted(self) -> Any:
-        """The object."""
-        raise NotImplementedError
 
     @property
     def code_target(self) -> str:
@@ -56,8 +79,19 @@ class UserObject(Policy):
     @property
     def needs(self) -> Needs:
         """The options; an object with `decide` also says what it remembers and draws for an episode."""
-        needs = needs_of(self.adapted, self.history, self.uniforms)
-        return needs._replace(history=self.history, step_draws=self.uniforms)
+        needs = needs_of(self.adapter.target, self.history, self.draws)
+        return needs._replace(history=self.history, draws=self.draws)
+
+    def loaded(self, acting: Acting) -> Self:
+        acting.callback(os.chdir, acting.folder)  # the object may go elsewhere
+        copy = self.__copy__()
+        target = copy._made(acting)
+        copy._adapter = Adapter(target.loaded(acting) if isinstance(target, Policy) else target)
+        return copy
+
+    def _made(self, acting: Acting) -> Any:
+        """The object, which is found or made."""
+        raise NotImplementedError
 
     def files_used(self) -> dict[str, Path]:
         """The files that it reads, by their names in a record."""
@@ -67,10 +101,14 @@ class UserObject(Policy):
         """The file of its code, if one is known."""
         return None
 
-    @cached_property
+    @property
     def adapter(self) -> Adapter:
-        """The object as it is asked."""
-        return Adapter(self.adapted)
+        """The object as it is asked, which is loaded."""
+        if self._adapter is None:
+            raise PolicyError(
+                f"{self.code_target}: found a policy that is not loaded, as evaluate and generate load it"
+            )
+        return self._adapter
 
     @property
     def remembers(self) -> bool:
@@ -81,26 +119,14 @@ class UserObject(Policy):
         answer = self.adapter.ask(observed)
         return Decision(answer.action, answer.memory)
 
-    def check_once(self, columns: int = len(OBSERVATION)) -> None:
-        """Make the object, and check that it is pure, unless that was done before.
-
-        It sees so many `columns` of an observation. Raises PolicyError if it cannot be loaded, or if it
-        remembers or draws in secret.
-        """
-        if not self._is_pure:
-            refuse_impure(self, columns, exact=False)
-            self.adapter.clipped[:] = 0  # what was asked here is made up
-            self._is_pure = True
-
-    def forget(self) -> None:
-        """Forget the object, so that it is made anew on its next use."""
-        self._is_pure = False
-        for name in ("adapted", "adapter"):
-            self.__dict__.pop(name, None)
+    def refuse_impure(self, columns: int = len(OBSERVATION)) -> None:
+        """Raise PolicyError if it remembers or draws in secret. It sees so many columns of an observation."""
+        refuse_impure(self, columns, exact=False)
+        self.adapter.clipped[:] = 0  # what was asked here is made up
 
     def notes(self, view: ViewOptions = PLAIN) -> Iterator[str]:
         """What somebody should know who uses the object with a view, in lines without its name."""
-        if note := environment_note(self.adapted, view):
+        if note := environment_note(self.adapter.target, view):
             yield note
         clipped, total = self.adapter.clipped.tolist()
         yield from clipping_notes(clipped, total, "numbers of its actions")
@@ -115,8 +141,200 @@ def clipping_notes(clipped: float, total: float, what: str) -> Iterator[str]:
 def refuse_shared(policy: Policy) -> None:
     """Raise PolicyError for a policy in which an object that remembers acts in two places."""
     parts = [part for part in policy.everywhere(UserObject) if part.remembers]
-    if len({id(part.adapted) for part in parts}) < len(parts):
+    if len({id(part.adapter.target) for part in parts}) < len(parts):
         raise PolicyError(
             f"policy {policy.label}: found {parts[0].code_target} in two places, expected an object for "
             "each, because it remembers the episodes in which it acts"
         )
+
+
+def name_of(target: Any) -> str:
+    """The name of a function, or of an object's class; that of an object in a record is the target."""
+    return target if isinstance(target, str) else getattr(target, "__name__", type(target).__name__)
+
+
+class ObjectPolicy(UserObject):
+    """Acts through an object of a Python session, and in that session only.
+
+    Python makes it of a function, a torch module or any other object among the policies. Its code is not
+    recorded, so nobody can make the dataset again.
+    """
+
+    kind: Literal["live"] = "live"
+    target: Annotated[Any, PlainSerializer(name_of, str), WithJsonSchema({"type": "string"})] = Field(
+        description="the object; in a record the name of its class, or of the function"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_it_needs(cls, data: Any) -> Any:
+        """Let an object set its own needs and name, unless they are given."""
+        target = data.get("target", "") if isinstance(data, dict) else ""
+        if isinstance(target, str):
+            return data
+        if not can_act(target):
+            raise Problems([(("target",), f"found {excerpt(target)}, expected {EXPECTED}")])
+        needs, name = needs_of(target), target.name if isinstance(target, Policy) else None
+        return {"history": max(1, needs.history), "draws": needs.draws, "name": name, **data}
+
+    @cached_property
+    def inner(self) -> tuple[Policy, ...]:
+        """None, also if the object is a policy: only its name is said."""
+        return ()
+
+    def form(self) -> dict[str, Any]:
+        """The kind and the options, with the name of the object in its place."""
+        return {**super().form(), "target": name_of(self.target)}
+
+    @property
+    def label(self) -> str:
+        """The policy's label in the data, by default made of the object's name."""
+        name = re.sub("[^a-z0-9]", "-", name_of(self.target).lower()).strip("-")[:64]
+        return self.name or name or "object"
+
+    @property
+    def code_target(self) -> str:
+        """The object's name, as that of an object of a session."""
+        return LIVE + name_of(self.target)
+
+    @property
+    def is_here(self) -> bool:
+        """Whether the object itself is here, and not only its record."""
+        return not isinstance(self.target, str)
+
+    def _made(self, acting: Acting) -> Any:
+        if isinstance(self.target, str):
+            raise PolicyError(f"{self.code_target}: found no such object in this Python session")
+        return self.target
+
+
+NAME = "[A-Za-z_][A-Za-z0-9_]*"
+FILE = r"[^/:\\\x00-\x1f][^:\\\x00-\x1f]*\.py"  # a relative path
+TARGET = rf"^({NAME}(\.{NAME})*|{FILE}):{NAME}$"
+TARGET_MEANT = "package.module:name, or file.py:name with a path relative to the YAML file"
+
+
+def _as_json(params: dict[str, Any]) -> Any:
+    """Parameters as JSON and YAML give them back, so that they are the same in every process."""
+    try:
+        return json.loads(json.dumps(params, allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"found what JSON cannot hold ({error}), expected finite numbers, texts, lists and mappings"
+        ) from None
+
+
+class Custom(UserObject):
+    """Acts through code of your own.
+
+    The target is an object with `decide(observed)`, `act(history, u)` or `predict(observations)`, a torch
+    module, or a function whose first parameter is `observations`; any other function, and a class, makes such
+    an object from `params`. It must act in each episode as if it were alone, and draw random numbers from `u`
+    or `draws` only: ibdata checks that before a run. With `deterministic: true`, you promise that it draws
+    none of any kind. Then `action_log_prob` is known, and the policy may be the `base` of `gaussian`.
+    """
+
+    kind: Literal["custom"] = "custom"
+    target: Annotated[str, Field(pattern=TARGET)] = Field(description=TARGET_MEANT)
+    params: Annotated[dict[str, Any], AfterValidator(_as_json)] = Field(
+        default={}, description="keyword arguments for a class or a function"
+    )
+    files: list[str] | None = Field(
+        default=None,
+        description="paths of other files that it reads, such as weights.pt, beside the YAML file or in the "
+        "current folder; they are hashed like its code",
+    )
+    _folder: Path | None = PrivateAttr(None)  # of the YAML file
+    _places: Places = PrivateAttr(())  # in which the code, and the files that it reads, are looked for
+
+    @model_validator(mode="after")
+    def _of_file(self, info: ValidationInfo) -> Custom:
+        self._folder = (info.context or {}).get("folder")
+        return self
+
+    @property
+    def context(self) -> dict[str, Any]:
+        """The folder of the YAML file."""
+        return {"folder": self._folder}
+
+    @property
+    def code_target(self) -> str:
+        """The target."""
+        return self.target
+
+    def form(self) -> dict[str, Any]:
+        """The kind and the options, without the files, which are recorded with the run like the code."""
+        return {key: value for key, value in super().form().items() if key != "files"}
+
+    def files_used(self) -> dict[str, Path]:
+        """The paths of the declared files by their names. Raises UsageError if one is not found."""
+        return {name: located(name, f"{self.target}: files", self._places) for name in self.files or ()}
+
+    def target_file(self) -> Path | None:
+        """The file of the target, which may be that of an imported module; None if none is known."""
+        return self.file() or file_of(sys.modules.get(self.target.partition(":")[0]))
+
+    def file(self) -> Path | None:
+        """The file that the target names, or None if it names a module. UsageError if it is not found."""
+        source, _, _ = self.target.partition(":")
+        return located(source, self.target, self._places) if source.endswith(".py") else None
+
+    def _made(self, acting: Acting) -> Any:
+        self._places = two_places(acting.folder, self._folder)
+        file, (source, _, name) = self.file(), self.target.partition(":")
+        acting.add_to_path(map(str, [*([] if file is None else [file.parent]), *self._places]))
+        try:
+            with loading(self.target), apart_from_results():
+                module = imported(source, file)
+                if not hasattr(module, name):
+                    names = [known for known in vars(module) if not known.startswith("_")]
+                    raise PolicyError(
+                        f"{self.target}: found no {name!r} in the module{suggestion(name, names)}"
+                    )
+                actor = self._object_of(getattr(module, name))
+        except (PolicyError, UsageError, KeyboardInterrupt):
+            raise
+        except BaseException as error:
+            line = f"{self.target}: cannot be loaded: {error_line(error)}"
+            if isinstance(error, ModuleNotFoundError) and error.name == source.partition(".")[0]:
+                folders = " or ".join(map(str, self._places))
+                line += f"; expected the module in {printable(folders)}, or installed"
+            raise PolicyError(line) from error
+        if not can_act(actor):
+            raise PolicyError(f"{self.target}: found {type(actor).__name__}, expected {EXPECTED}")
+        self._refuse_other_form(actor)
+        return actor
+
+    def _object_of(self, target: Any) -> Any:
+        """What the target is, or makes of `params`."""
+        if inspect.isfunction(target):
+            parameters = inspect.signature(target).parameters.values()
+            first = next((parameter.name for parameter in parameters), "")
+            if first == "observations":
+                return partial(target, **self.params) if self.params else target
+            positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+            needed = [x.name for x in parameters if x.kind in positional and x.default is x.empty]
+            if not self.params and needed:
+                raise PolicyError(
+                    f"{self.target}: found a function of {', '.join(needed)}, expected one whose first "
+                    "parameter is `observations`, or params for one that makes a policy"
+                )
+        acts = not isinstance(target, type) and (has_method(target) or is_torch_module(target))
+        return target(**self.params) if callable(target) and not acts else target
+
+    def _refuse_other_form(self, actor: Any) -> None:
+        """PolicyError for an object that needs more than the options say, or states a density itself."""
+        try:
+            refuse_density(actor)
+        except TypeError as error:
+            raise PolicyError(f"{self.target}: {error}") from None
+        needs = needs_of(actor, self.history, self.draws)
+        for option, number, least in (
+            ("history", self.history, needs.history),
+            ("draws", self.draws, needs.draws),
+        ):
+            if number < least:
+                raise PolicyError(
+                    f"{self.target}: found {option}: {number}, expected at least the needs of "
+                    f"{type(actor).__name__}; write {option}: {least}"
+                )

@@ -29,7 +29,7 @@ class Carry:
     observations: Float32s  # (n, history, 6)
     actions: Float32s  # (n, history, 3): the actions that led to the observations; or none, (n, 0, 3)
     memory: Floats  # (n, memory), of the policy
-    draws: Floats  # (n, episode_draws), the policy's random numbers of the episode
+    episode_draws: Floats  # (n, episode_draws), the policy's random numbers of the episode
 
     @classmethod
     def at(cls, state: State, needs: Needs) -> Carry:
@@ -51,14 +51,14 @@ class Carry:
             self.observations[lanes],
             self.actions[lanes],
             self.memory[lanes],
-            self.draws[lanes],
+            self.episode_draws[lanes],
         )
 
     def put(self, lanes: Ints, part: Carry) -> None:
         """Write some episodes."""
         self.state.put(lanes, part.state)
         self.observations[lanes], self.actions[lanes] = part.observations, part.actions
-        self.memory[lanes], self.draws[lanes] = part.memory, part.draws
+        self.memory[lanes], self.episode_draws[lanes] = part.memory, part.episode_draws
 
     def advance(
         self,
@@ -86,7 +86,7 @@ def begin(episodes: Episodes) -> Carry:
     carry = begin_lanes(episodes.world, episodes.draw, episodes.lanes, episodes.setpoint, needs)
     if needs.episode_draws:
         purpose, draws = Purpose.EPISODE_POLICY, needs.episode_draws
-        [carry.draws] = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, 1, draws)
+        [carry.episode_draws] = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, 1, draws)
     return carry
 
 

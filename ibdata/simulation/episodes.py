@@ -84,7 +84,7 @@ class Episodes:
 
     def played_by(self, policy: Policy, **changes: Any) -> Episodes:
         """The same episodes with another policy, and other fields if these are given."""
-        return dataclasses.replace(self, policy=policy, label=policy.label, **changes)
+        return dataclasses.replace(self, **{"policy": policy, "label": policy.label, **changes})
 
     def take(self, lanes: Ints, **changes: Any) -> Episodes:
         """Some of the episodes, with other fields if these are given."""

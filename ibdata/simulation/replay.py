@@ -94,9 +94,9 @@ def _replayed(
             stop = min(first + most // n, steps)
             rows = n * (stop - first)
             nothing = np.zeros((rows, 0))
-            step, u = np.tile(np.arange(first, stop), n), np.zeros((rows, needs.step_draws))
-            draws = np.repeat(carry.draws, stop - first, axis=0)
-            answer(Observed(nothing, nothing, step, u, draws, nothing), first, stop)
+            step, u = np.tile(np.arange(first, stop), n), np.zeros((rows, needs.draws))
+            of_episode = np.repeat(carry.episode_draws, stop - first, axis=0)
+            answer(Observed(nothing, nothing, step, u, of_episode, nothing), first, stop)
     return tuple(np.concatenate(blocks, axis=1) for blocks in zip(*answers, strict=True))
 
 

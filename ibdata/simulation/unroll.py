@@ -98,7 +98,7 @@ def unroll(
                 density = log_density[part].reshape(-1) if densities else None
                 try:
                     distribution, carry.memory = ask(episodes.policy, seen)
-                    clipped += act(distribution, seen.uniforms, answers, density)
+                    clipped += act(distribution, seen.draws, answers, density)
                 except BaseException as error:
                     raise_placed(error, episodes.label, seen, episodes.number)
             carry.advance(world, actions[part], raw[part], drift[part], record, rows, 1 + t)
@@ -115,11 +115,11 @@ def observed(
     another: what it sees and remembers is then that of the carry when it is asked.
     """
     n, needs, span = len(episodes), episodes.policy.needs, asked_together(episodes, count)
-    u = draw_uniforms(episodes.draw, episodes.lanes, Purpose.POLICY, first, count, needs.step_draws)
+    u = draw_uniforms(episodes.draw, episodes.lanes, Purpose.POLICY, first, count, needs.draws)
     steps = np.empty((count, n), dtype=np.int64)
     steps[:] = np.arange(first, first + count)[:, None]
     steps += first_step
-    draws = read_only(carry.draws if span == 1 else np.tile(carry.draws, (span, 1)))
+    of_episode = read_only(carry.episode_draws if span == 1 else np.tile(carry.episode_draws, (span, 1)))
     observations, actions = (
         read_only(x) if needs.history else np.empty((span * n, *x.shape[1:]), dtype=np.float32)
         for x in (carry.observations, carry.actions)
@@ -127,8 +127,8 @@ def observed(
     nothing = np.empty((span * n, 0))
     for t in range(0, count, span):
         memory = read_only(carry.memory) if needs.memory else nothing
-        uniforms = u[t : t + span].reshape(span * n, -1)
-        yield Observed(observations, actions, steps[t : t + span].reshape(-1), uniforms, draws, memory)
+        draws = u[t : t + span].reshape(span * n, -1)
+        yield Observed(observations, actions, steps[t : t + span].reshape(-1), draws, of_episode, memory)
 
 
 def asked_together(episodes: Episodes, count: int) -> int:

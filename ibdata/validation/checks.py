@@ -160,7 +160,7 @@ def metadata_problems(
             continue
         expected = make()
         try:
-            message = first_difference(_facts(path, stored.read(path)), _facts(path, expected))
+            message = first_difference(_facts(path, stored.read(path), spec), _facts(path, expected, spec))
         except DatasetError as error:
             yield Problem.of(error, path, stored.storage.where(path), "metadata")
         except (ValueError, pa.ArrowException) as error:
@@ -170,7 +170,7 @@ def metadata_problems(
                 yield Problem(path, None, "metadata", message)
 
 
-def _facts(path: str, data: bytes) -> Any:
+def _facts(path: str, data: bytes, spec: DatasetSpec) -> Any:
     """What programs read in a file of `meta`. The prose of a description may be said in other words."""
     if path.endswith(".parquet"):
         table = pq.read_table(io.BytesIO(data))
@@ -179,7 +179,7 @@ def _facts(path: str, data: bytes) -> Any:
             table = table.set_column(place, "setpoint", table["setpoint"].cast(pa.float32()))
         return {name: table[name].to_pylist() for name in table.column_names}
     if path.endswith(".yaml"):
-        return Experiment.model_validate(Document(data).data).plain()
+        return Experiment.model_validate(Document(data).data, context=spec.context).plain()
     if path == manifest.CROISSANT:
         return {"distribution": dict(manifest.loads(data)).get("distribution")}
     return manifest.loads(data)

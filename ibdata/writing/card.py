@@ -14,7 +14,7 @@ from ibdata.errors import printable
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.measures import MEANING, Quality, ReturnMeasures, return_measures
 from ibdata.numerics.naming import exact, yaml_name
-from ibdata.policies.live import Live
+from ibdata.policies.user_object import ObjectPolicy
 from ibdata.version import __version__
 from ibdata.writing.metadata import info, splits
 
@@ -229,7 +229,7 @@ def _columns(described: Info) -> Iterator[str]:
 
 def how_to_make_again(spec: DatasetSpec) -> list[str]:
     """The lines that say how to make a dataset again, if that can be done."""
-    live = [live_object.code_target for live_object in spec.policies_of(Live)]
+    live = [live_object.code_target for live_object in spec.policies_of(ObjectPolicy)]
     if live:
         names = ", ".join(f"`{target}`" for target in dict.fromkeys(live))
         return [f"Nobody can make it again: a policy was an object of a Python session, {names}."]

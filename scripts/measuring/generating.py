@@ -136,7 +136,7 @@ def custom_policy(scratch: Scratch) -> Row:
     custom = described(10_000, policies=[{"kind": "custom", "target": "still:Still"}])
 
     def start() -> None:
-        with closing(Worker(DatasetSpec.of(plain))) as worker:
+        with closing(Worker(DatasetSpec.of(plain), scratch.folder)) as worker:
             worker.call(bool)
 
     run, without, started = paired(

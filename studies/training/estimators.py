@@ -90,7 +90,7 @@ def log_density(mean: Any, action: Any) -> Any:
 class Target:
     """A network with noise, as `ibdata.evaluate` and `ibdata.importance` take it."""
 
-    needs = Needs(history=HISTORY, step_draws=3)
+    needs = Needs(history=HISTORY, draws=3)
 
     def __init__(self, file: Path | str) -> None:
         self.network = Network(file=str(file))

@@ -131,7 +131,7 @@ def config_of(algorithm: str, **changes: Any) -> Any:
 class Drawing:
     """A policy that draws actions and takes the best one, with random numbers that ibdata gives it."""
 
-    needs = Needs(history=HISTORY, step_draws=1)
+    needs = Needs(history=HISTORY, draws=1)
 
     def __init__(self, learned: Any) -> None:
         self.learned = learned

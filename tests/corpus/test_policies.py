@@ -40,14 +40,14 @@ def good(history, u):
 @pytest.fixture
 def answering(monkeypatch):
     """Let the random policy answer so, given what it sees, its draws, and how often it has been asked."""
-    monkeypatch.setattr(Random, "needs", Needs(history=1, step_draws=3))
+    monkeypatch.setattr(Random, "needs", Needs(history=1, draws=3))
     monkeypatch.setattr("ibdata.experiment.self_check.answer", lambda: "0" * 64)  # it plays this policy too
 
     def arrange(answer):
         calls = itertools.count()
 
         def decide(self, given):
-            return Decision(answer(given.observations, given.uniforms, next(calls)), given.memory)
+            return Decision(answer(given.observations, given.draws, next(calls)), given.memory)
 
         monkeypatch.setattr(Random, "decide", decide)
 

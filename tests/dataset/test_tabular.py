@@ -47,8 +47,8 @@ def test_texts_of_a_dataset_can_forge_neither_lines_nor_html():
 
 
 def test_statistics_of_a_column_say_of_how_many_rows_they_are(describe, made_at, tmp_path):
-    """The density of `coloured_noise` is not known."""
-    policies = [{"kind": "coloured_noise", "period": 4}, {"kind": "random"}, {"kind": "safe"}]
+    """The density of a function is not known."""
+    policies = [lambda seen: seen[:, 1:4] / 100.0, {"kind": "random"}, {"kind": "safe"}]
     dataset = made_at(describe(policies=policies, output={"shard_rows": 40}), tmp_path / "made")
     assert ibdata.validate(dataset) == []
     known = dataset.table(["action_log_prob"], policy=["random", "safe"])["action_log_prob"].to_numpy()

@@ -57,7 +57,7 @@ class Pushed(Distribution):  # a component is exactly -1 or 1 with the probabili
             return np.log(np.where(np.abs(action) == 1.0, PUSH / 2.0, (1.0 - PUSH) / 2.0)).sum(axis=1)
 
 class Explorer:
-    needs = Needs(step_draws=6)
+    needs = Needs(draws=6)
 
     def decide(self, observed):
         return Decision(Pushed(), observed.memory)
@@ -70,7 +70,7 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explored")
     (folder / "explorer.py").write_text(EXPLORER)
     (folder / "helper_of_explorer.py").write_text("PUSH = 0.0\n")
-    block = {"kind": "custom", "target": "explorer.py:Explorer", "uniforms": 6}
+    block = {"kind": "custom", "target": "explorer.py:Explorer", "draws": 6}
     experiment = Experiment(name="x", setpoints=70, episodes=20, steps=3, policies=[block])
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

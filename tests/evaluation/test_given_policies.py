@@ -36,7 +36,7 @@ REFUSED = [
     ({"history": {"a": 2}, "policy": {"a": {"kind": "custom", "target": len}}}, "found 'a'"),
     ({"history": {"x": 2}, "policy": {"y": len}}, "history: found 'x', expected one of y: others set"),
     ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
-    ({"policy": {"mine": 3}}, "policy: found 3, expected an object with decide(observed), act(history,"),
+    ({"policy": {"mine": 3}}, "policy: found 3, expected one policy: a kind, a block, an object with decide"),
     ({"policy": "optimised"}, "did you mean 'optimized'?"),
     ({"policy": "kind: rndom"}, "policy: kind: found 'rndom'; did you mean 'random'?"),
     ({"policy": {"kind": "gaussian", "scale": 1}}, "policy: base: missing, expected a value"),
@@ -196,7 +196,7 @@ def test_a_density_cannot_change_the_actions_that_are_stored(tmp_path):
             return np.zeros(len(action))
 
     class Noisy:
-        needs = Needs(step_draws=3)
+        needs = Needs(draws=3)
 
         def decide(self, observed):
             return Decision(Changing(), observed.memory)

@@ -137,9 +137,9 @@ def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
     """A small rest could be refused for one rare action."""
     whole, sizes = ibdata.importance(dataset, "random"), []
 
-    def counted(experiment, numbers, *others):
-        sizes.append(len(numbers))
-        return log_ratios(experiment, numbers, *others)
+    def counted(part, *others):
+        sizes.append(len(part.numbers))
+        return log_ratios(part, *others)
 
     monkeypatch.setattr("ibdata.evaluation.overlap.PART_ROWS", 6 * 15)
     monkeypatch.setattr("ibdata.evaluation.importance.log_ratios", counted)
@@ -178,7 +178,7 @@ class Anywhere(Distribution):
 
 
 class Inside:
-    needs = Needs(step_draws=3)
+    needs = Needs(draws=3)
 
     def decide(self, observed):
         return Decision(Anywhere(), observed.memory)

@@ -36,7 +36,7 @@ def far_from_1(weights):
 @pytest.mark.parametrize(
     ("name", "target", "said"),
     [
-        ("coloured_noise", "coloured_noise", "policy coloured_noise: found no log density"),
+        ("unknown", "unknown", "policy lambda: found no log density"),
         ("gaussian", "ornstein_uhlenbeck", "ornstein_uhlenbeck, which has a memory and random numbers"),
     ],
 )

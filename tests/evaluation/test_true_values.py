@@ -22,7 +22,7 @@ NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
 class Recalling(Policy):
     """Does nothing, records what it is given, and counts its steps and sums past actions in its memory."""
 
-    needs: ClassVar[Needs] = Needs(history=2, step_draws=1, episode_draws=1, memory=2)
+    needs: ClassVar[Needs] = Needs(history=2, draws=1, episode_draws=1, memory=2)
     given: ClassVar[list] = []
 
     kind: Literal["recalling"] = "recalling"
@@ -111,8 +111,8 @@ def test_a_policy_knows_what_it_would_have_seen(dataset, monkeypatch):
     sums = [moved[:19].sum(dtype=float), moved[:2].sum(dtype=float)]
     np.testing.assert_allclose(first.memory[[0, 2]], [[20, sums[0]], [3, sums[1]]], rtol=1e-6)
     np.testing.assert_array_equal(second.memory[:, 0], first.memory[:, 0] + 1)
-    assert (first.episode_uniforms == drawn).all()
-    assert len(np.unique([first.uniforms, second.uniforms])) == 8
+    assert (first.episode_draws == drawn).all()
+    assert len(np.unique([first.draws, second.draws])) == 8
 
 
 def test_values_are_means_with_their_errors(dataset):
@@ -144,7 +144,7 @@ def test_values_are_means_with_their_errors(dataset):
         ({"actions": [0, 0, 0]}, "actions: found [0, 0, 0], expected (2, 3) finite numbers"),
         ({"steps": 0}, "steps: found 0, expected a whole number of at least 1"),
         ({"episodes": 2**47}, "episodes: this number takes "),
-        ({"policy": ["safe", "bad"]}, "policy: found 2 policies, expected one policy"),
+        ({"policy": ["safe", "bad"]}, "expected one policy: a kind, a block, an object"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,
 )

@@ -13,10 +13,11 @@ import ibdata
 from ibdata import IbdataError
 from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
+from ibdata.experiment import self_check
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import workers
 from ibdata.generation.build import Build
-from ibdata.generation.generate import Range
+from ibdata.generation.generate import PartMade, Range
 from ibdata.maintenance.listing import datasets_in
 from ibdata.system import part as parts
 from ibdata.system.part import Part
@@ -162,6 +163,14 @@ def test_hosts_that_begin_at_the_same_moment_make_one_run(plain, files, together
     assert not list(part_of("out").glob("tmp-*"))
     assert ibdata.finalize("out").content_root == plain.content_root
     assert is_right("out", plain.path, files)
+
+
+def test_of_hosts_with_other_bits_that_begin_at_the_same_moment_one_is_refused(together, monkeypatch):
+    answers = iter(["0" * 64, "1" * 64])
+    monkeypatch.setattr(self_check, "answer", lambda: next(answers))
+    refused, made = sorted(together(TEN, TEN), key=lambda answer: isinstance(answer, PartMade))
+    assert str(refused).startswith("out: holds an unfinished run of a machine that computes other bits; run")
+    assert (made.shards, len(Part(Path("out")).runs)) == (5, 1)
 
 
 def test_two_array_jobs_of_different_experiments_share_a_part(plain, files, together, capsys):

@@ -1,6 +1,7 @@
 """Datasets of networks carry the weights, and need nothing else to be made and checked again."""
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,6 @@ from helpers import networks
 import ibdata
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError
-from ibdata.policies import weights_file
 from ibdata.system.files import file_sha256
 from ibdata.system.part import Part
 
@@ -34,14 +34,9 @@ def learned(tmp_path):
 
 
 @pytest.fixture
-def elsewhere(learned, monkeypatch):
-    """A function that forgets all weights and removes the experiment, as on another machine."""
-
-    def move():
-        monkeypatch.setattr(weights_file, "_known", {})
-        shutil.rmtree(learned.parent, ignore_errors=True)
-
-    return move
+def elsewhere(learned):
+    """A function that removes the experiment and its weights, as on another machine."""
+    return partial(shutil.rmtree, learned.parent, ignore_errors=True)
 
 
 @pytest.fixture

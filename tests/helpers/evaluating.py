@@ -12,7 +12,7 @@ from ibdata import evaluate
 from ibdata.errors import UsageError
 from ibdata.evaluation.baselines import WHOLE, Baseline, measured
 from ibdata.evaluation.importance import of_ratios
-from ibdata.evaluation.overlap import Recorded, log_ratios, refuse_remembered_draws
+from ibdata.evaluation.overlap import Part, Recorded, log_ratios, refuse_remembered_draws
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
 
@@ -34,7 +34,7 @@ BLOCKS = {
     "ε-greedy of expert": {"kind": "epsilon_greedy", "base": {"kind": "expert"}, "epsilon": 0.2},
     "gaussian": {"kind": "gaussian", "base": BAD, "scale": 1.0},
     "ornstein_uhlenbeck": {"kind": "ornstein_uhlenbeck", "sigma": 0.7},
-    "coloured_noise": {"kind": "coloured_noise", "period": 4},
+    "unknown": {"kind": "live", "target": lambda seen: seen[:, 1:4] / 100.0},
     "sticky bad": {"kind": "sticky", "base": BAD, "kappa": 0.5},
     "mixture": {"kind": "mixture", "bases": [{"kind": "random"}, {"kind": "safe"}]},
     "schedule": {"kind": "schedule", "stages": [{"base": BAD, "steps": 3, "epsilon": [0.9, 0.2]}]},
@@ -88,7 +88,8 @@ class Data:
         numbers = np.arange(len(self.actions))[episodes]
         recorded = Recorded(self.observations[episodes], self.actions[episodes])
         log_prob, rows = self.log_prob[episodes], self.log_prob.size
-        return log_ratios(self.experiment, numbers, recorded, log_prob, target, rows)
+        part = Part(self.experiment, numbers, numbers)
+        return log_ratios(part, part.behaviour, recorded, log_prob, target, rows)
 
     def importance(self, target, discount=0.97):
         """The estimates."""

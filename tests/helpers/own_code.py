@@ -18,7 +18,7 @@ from ibdata.errors import IbdataError
 PLAIN = {
     "name": "own",
     "setpoints": [20.0, 70.0],
-    "policies": [{"kind": "custom", "target": "mine:Own", "uniforms": 3, "files": ["weights.txt"]}],
+    "policies": [{"kind": "custom", "target": "mine:Own", "draws": 3, "files": ["weights.txt"]}],
     "episodes": 2,
     "steps": 4,
     "output": {"shard_rows": 4},

@@ -13,15 +13,15 @@ from ibdata.policies import POLICIES, Decision, Needs, Observed, Policy
 from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
 from ibdata.policies.checked import ask
+from ibdata.policies.code import Acting
 
 Actions = npt.NDArray[np.float32]
 BAD, SAFE, RANDOM = {"kind": "bad"}, {"kind": "safe"}, {"kind": "random"}
 BASE = {"kind": "constant", "action": [0.5, -1.0, 0.1]}
-CODE = {"kind": "custom", "target": "ibdata.policies.baselines:Safe", "uniforms": 5}  # code that everyone has
+CODE = {"kind": "custom", "target": "ibdata.policies.baselines:Safe", "draws": 5}  # code that everyone has
 SURE = {"kind": "custom", "target": "ibdata.policies.baselines:Mediocre", "deterministic": True}
 NETWORK = {"kind": "network", "file": "actor.safetensors"}  # see `networks.actor`
 NOISE = {"kind": "ornstein_uhlenbeck", "base": BASE, "theta": 0.5, "sigma": 0.6}
-PINK = {"kind": "coloured_noise", "period": 8}
 STICKY = {"kind": "sticky", "base": SAFE, "kappa": 0.4}
 PLAIN = ["bad", "constant", "expert", "mediocre", "multisine", "optimized", "ornstein_uhlenbeck", "prbs"]
 BLOCKS = [
@@ -37,8 +37,6 @@ BLOCKS = [
     {"kind": "gaussian", "base": BASE, "scale": 0.6},
     {"kind": "gaussian", "base": SURE, "scale": 0.4},
     NOISE,
-    PINK,
-    {"kind": "coloured_noise", "base": BASE, "beta": 0.5, "scale": 2.0, "period": 2},
     {"kind": "epsilon_greedy", "base": BASE, "epsilon": 0.3},
     {"kind": "epsilon_greedy", "base": SAFE, "epsilon": 0.3},
     {"kind": "epsilon_greedy", "base": BASE, "epsilon": 1.0},
@@ -50,16 +48,22 @@ BLOCKS = [
     {"kind": "sticky", "base": STICKY, "kappa": 0.5},
     {"kind": "mixture", "bases": [SAFE, BAD, RANDOM]},
     {"kind": "mixture", "bases": [BAD, {"kind": "sticky", "base": NOISE, "kappa": 0.5}]},
-    {"kind": "mixture", "bases": [PINK, {"kind": "prbs"}], "weights": [1.0, 3.0]},
+    {"kind": "mixture", "bases": [{"kind": "multisine"}, {"kind": "prbs"}], "weights": [1.0, 3.0]},
     {"kind": "schedule", "stages": [{"base": BASE, "steps": 10, "epsilon": [0.9, 0.1]}]},
     {"kind": "schedule", "stages": [{"base": STICKY, "steps": 10, "epsilon": [0.5, 0.5]}]},
     {"kind": "schedule", "stages": [{"base": BAD, "steps": 2}, {"base": SAFE}]},
 ]
 
 
+def ready(policy):
+    """A copy of a policy whose objects are loaded."""
+    with Acting() as acting:
+        return policy.loaded(acting)
+
+
 def policy_of(block):
-    """The policy of a block."""
-    return POLICIES[block["kind"]](**block)
+    """The policy of a block, whose objects are loaded."""
+    return ready(POLICIES[block["kind"]](**block))
 
 
 def distribution(policy, observed):
@@ -69,7 +73,7 @@ def distribution(policy, observed):
 
 def drawn(policy, observed):
     """The actions that a policy draws, before they are clipped."""
-    return np.asarray(distribution(policy, observed).sample(observed.uniforms))
+    return np.asarray(distribution(policy, observed).sample(observed.draws))
 
 
 def proposed(policy, history, u=None):
@@ -94,7 +98,7 @@ def playing(policy: Policy, n: int, steps: int, seed: int = 0) -> Iterator[tuple
     done, memory = np.zeros((n, frames, 3), dtype=np.float32), np.zeros((n, policy.needs.memory))
     drawn = random.random((n, policy.needs.episode_draws))
     for t in range(steps):
-        u = random.random((n, policy.needs.step_draws))
+        u = random.random((n, policy.needs.draws))
         observed = Observed(seen, done, np.full(n, t), u, drawn, memory)
         distribution, memory = ask(policy, observed)
         actions = np.clip(np.asarray(distribution.sample(u)), -1.0, 1.0).astype(np.float32)

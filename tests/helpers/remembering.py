@@ -18,12 +18,12 @@ def kicked(x, u):
 class Deciding(Policy):
     """Drifts by what it remembers in its memory."""
 
-    needs: ClassVar[Needs] = Needs(step_draws=3, memory=3)
+    needs: ClassVar[Needs] = Needs(draws=3, memory=3)
 
     kind: Literal["deciding"] = "deciding"
 
     def decide(self, given):
-        x = kicked(given.memory, given.uniforms)
+        x = kicked(given.memory, given.draws)
         return Decision(x, x)
 
 
@@ -46,19 +46,19 @@ class Uniform3(Distribution):
 class Centred(Deciding):
     """Drifts around what it draws for an episode, with a density."""
 
-    needs: ClassVar[Needs] = Needs(step_draws=3, episode_draws=1, memory=3)
+    needs: ClassVar[Needs] = Needs(draws=3, episode_draws=1, memory=3)
     theta: float = 0.15
 
     def decide(self, given):
         before = (1.0 - self.theta) * given.memory
-        x = before + 0.2 * (2.0 * given.uniforms - 1.0)
-        return Decision(Uniform3(given.episode_uniforms - 0.5 + before), x)
+        x = before + 0.2 * (2.0 * given.draws - 1.0)
+        return Decision(Uniform3(given.episode_draws - 0.5 + before), x)
 
 
 class Resetting:
     """Drifts by what it keeps, and begins anew."""
 
-    needs = Needs(step_draws=3)
+    needs = Needs(draws=3)
 
     def reset(self, n):
         self.x = np.zeros((n, 3))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.policies import distribution, played, playing
+from helpers.policies import distribution, played, playing, ready
 
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
@@ -54,7 +54,7 @@ def test_at_the_first_step_there_is_nothing_to_repeat():
     ("target", "known"), [("ibdata.policies.baselines:Bad", True), (lambda seen: seen[:, :3] / 100.0, False)]
 )
 def test_a_custom_base_has_the_density_that_it_states(target, known):
-    policy = Sticky(base={"kind": "custom", "target": target}, kappa=0.5)
+    policy = ready(Sticky(base={"kind": "custom", "target": target}, kappa=0.5))
     (given, action), *_ = playing(policy, 4, 1)
     assert np.isfinite(distribution(policy, given).log_density(action)).all() == known
 
@@ -77,11 +77,9 @@ def test_every_policy_of_a_mixture_acts_as_it_would_alone():
         memory = np.zeros((60, alone.needs.memory))
         for given, action in steps:
             # One draw of an episode chooses the policy; the next is that of prbs, which alone needs any.
-            own = given._replace(episode_uniforms=given.episode_uniforms[:, 1:], memory=memory).cut(
-                alone.needs
-            )
+            own = given._replace(episode_draws=given.episode_draws[:, 1:], memory=memory).cut(alone.needs)
             one, memory = ask(alone, own)
-            np.testing.assert_array_equal(action[mine], applied(one.sample(own.uniforms))[mine])
+            np.testing.assert_array_equal(action[mine], applied(one.sample(own.draws))[mine])
             density, found = one.log_density(action), distribution(mixture, given).log_density(action)
             np.testing.assert_array_equal(found[mine], density[mine])
 

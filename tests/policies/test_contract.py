@@ -16,7 +16,8 @@ from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.policies import POLICIES, Decision, Policy, purity
+from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.policies import POLICIES, Decision, Policy, checked
 from ibdata.testing import check_policy
 
 pytestmark = pytest.mark.usefixtures("network_here")
@@ -62,7 +63,7 @@ def test_it_passes_them_at_both_ends_of_each_option(block):
 def test_noise_for_which_actions_are_too_coarse_is_refused(block):
     """At the least, float32 has so many actions that none is drawn again and again; with less, some are."""
     option = "scale" if block["kind"] == "gaussian" else "sigma"
-    check_policy(policy_of({**block, option: 1e-5}), purity.histories(2, 1))
+    check_policy(policy_of({**block, option: 1e-5}), checked.histories(2, 1))
     with pytest.raises(ValidationError, match=f"{option}\\n.* greater than or equal to 0.00001"):
         policy_of({**block, option: 9e-6})
 
@@ -70,8 +71,11 @@ def test_noise_for_which_actions_are_too_coarse_is_refused(block):
 @blocks
 def test_it_is_an_immutable_block_of_options(block, tmp_path):
     policy = policy_of(block)
-    assert type(policy).model_validate_json(policy.model_dump_json()) == policy
-    (tmp_path / "x.yaml").write_bytes(as_yaml(Experiment(name="x", setpoints=70.0, policies=[policy])))
+    made = Experiment(name="x", setpoints=70.0, policies=[policy])
+    assert type(policy).model_validate_json(policy.model_dump_json(), context=made.context) == policy
+    for name, data in DatasetSpec.of(made).weights.items():
+        (tmp_path / name).write_bytes(data)
+    (tmp_path / "x.yaml").write_bytes(as_yaml(made))
     assert load(tmp_path / "x.yaml").policies == [policy]
     with pytest.raises(ValidationError, match="frozen"):
         policy.kind = "other"
@@ -114,12 +118,12 @@ from ibdata.policies.base import Decision, Needs, Policy
 class Ramp(Policy):
     """A slope, and a little noise."""
 
-    needs: ClassVar[Needs] = Needs(step_draws=1)
+    needs: ClassVar[Needs] = Needs(draws=1)
     kind: Literal["ramp"] = "ramp"
     slope: float = 0.25
 
     def decide(self, given):
-        return Decision(np.full((len(given.step), 3), self.slope) + 0.0 * given.uniforms, given.memory)
+        return Decision(np.full((len(given.step), 3), self.slope) + 0.0 * given.draws, given.memory)
 '''
 CHILD = """
 from ibdata.experiment import Experiment

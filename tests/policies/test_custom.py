@@ -8,21 +8,21 @@ import numba
 import numpy as np
 import pytest
 from helpers.own_code import described
-from helpers.policies import proposed
+from helpers.policies import proposed, ready
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError
 from ibdata.experiment import load
-from ibdata.policies.custom import Custom
+from ibdata.policies.user_object import Custom
 
 
 @pytest.mark.parametrize(
     ("options", "actions"),
     [
-        ({"target": "mine:Actor", "uniforms": 3}, lambda h, u: 0.001 * h[:, 0, 1:4]),
-        ({"target": "mine:Actor", "uniforms": 3, "params": {"gain": 0.5}},
+        ({"target": "mine:Actor", "draws": 3}, lambda h, u: 0.001 * h[:, 0, 1:4]),
+        ({"target": "mine:Actor", "draws": 3, "params": {"gain": 0.5}},
          lambda h, u: 0.5 * (2 * u - 1) + 0.001 * h[:, 0, 1:4]),
-        ({"target": "mine:actor", "uniforms": 3}, lambda h, u: 0.25 * (2 * u - 1) + 0.001 * h[:, 0, 1:4]),
+        ({"target": "mine:actor", "draws": 3}, lambda h, u: 0.25 * (2 * u - 1) + 0.001 * h[:, 0, 1:4]),
         ({"target": "mine:Learned", "history": 2}, lambda h, u: np.tanh(h[:, 1, 1:4] / 100.0)),
         ({"target": "mine:made", "params": {"value": 0.125}}, lambda h, u: np.full((len(h), 3), 0.125)),
         ({"target": "mine:still"}, lambda h, u: np.full((len(h), 3), 0.125)),
@@ -30,10 +30,10 @@ from ibdata.policies.custom import Custom
     ],
 )  # fmt: skip
 def test_act_and_predict_are_asked_for_actions(mine, options, actions):
-    policy = Custom(**options)
+    policy = ready(Custom(**options))
     rng = np.random.default_rng(0)
     history = rng.uniform(0, 100, (7, policy.needs.history, 6)).astype(np.float32)
-    u = rng.random((7, policy.needs.step_draws))
+    u = rng.random((7, policy.needs.draws))
     np.testing.assert_array_equal(proposed(policy, history, u), actions(history, u))
 
 
@@ -61,7 +61,7 @@ def test_what_cannot_be_used_is_one_line(target, line):
 @pytest.mark.slow
 @pytest.mark.parametrize("wrap", [False, True], ids=["itself", "as a base"])
 def test_code_runs_only_where_it_is_allowed(mine, wrap, capsys):
-    block = {"kind": "custom", "target": "mine:actor", "uniforms": 3}
+    block = {"kind": "custom", "target": "mine:actor", "draws": 3}
     block = {"kind": "epsilon_greedy", "base": block, "epsilon": 0.5} if wrap else block
     experiment = load({**described(target="mine:actor").plain(), "policies": [block]})
     with pytest.raises(UsageError, match="found a custom policy, mine:actor, which is code"):
@@ -100,10 +100,10 @@ def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
 
 
 def test_evaluating_a_file_that_names_code_needs_leave(mine):
-    (mine / "p.yaml").write_text("{kind: custom, target: 'mine:actor', uniforms: 3}")
+    (mine / "p.yaml").write_text("{kind: custom, target: 'mine:actor', draws: 3}")
     with pytest.raises(UsageError, match=r"p\.yaml: found a custom policy, which is code"):
         ibdata.evaluate("p.yaml", steps=3, episodes=2)
     assert not (mine / "imported").exists()
     from_file = ibdata.evaluate("p.yaml", steps=3, episodes=2, allow_code=True)
-    typed = ibdata.evaluate({"kind": "custom", "target": "mine:actor", "uniforms": 3}, steps=3, episodes=2)
+    typed = ibdata.evaluate({"kind": "custom", "target": "mine:actor", "draws": 3}, steps=3, episodes=2)
     assert from_file.returns.tolist() == typed.returns.tolist()

@@ -33,8 +33,8 @@ def make(mine):
 @pytest.mark.parametrize(
     ("name", "options"),
     [
-        ("Centred", {"uniforms": 3, "params": {"theta": 0.3}}),
-        ("Resetting", {"uniforms": 3}),
+        ("Centred", {"draws": 3, "params": {"theta": 0.3}}),
+        ("Resetting", {"draws": 3}),
     ],
 )
 def test_the_root_is_the_same_over_files_workers_and_repair(make, shard_file, name, options):
@@ -50,6 +50,6 @@ def test_the_root_is_the_same_over_files_workers_and_repair(make, shard_file, na
 
 @pytest.mark.usefixtures("make")
 def test_the_options_must_give_what_an_object_needs():
-    line = "found uniforms: 0, expected at least the needs of Centred; write uniforms: 3"
+    line = "found draws: 0, expected at least the needs of Centred; write draws: 3"
     with pytest.raises(PolicyError, match=line):
         ibdata.evaluate({"kind": "custom", "target": "remembering.py:Centred"}, steps=2, episodes=2)

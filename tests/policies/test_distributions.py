@@ -9,8 +9,8 @@ from policies.test_recount import SIGMAS, N, recounted
 from ibdata.policies import Certain, ClippedNormal, Uniform
 from ibdata.policies.actions import applied
 from ibdata.policies.distributions import ByRow, Group
+from ibdata.policies.network import SquashedNormal
 from ibdata.policies.replaced import OrCertain, OrUniform
-from ibdata.policies.sampled import SquashedNormal
 
 MEAN, SD = np.array([0.7, -0.2, 0.1]), np.array([0.5, 0.9, 0.3])
 ACTION = np.array([0.5, -0.25, 0.1])

@@ -14,7 +14,7 @@ from ibdata.experiment import load
 from ibdata.policies import weights_file
 from ibdata.policies.network import TANH_EDGE as EDGE
 from ibdata.policies.network import Network
-from ibdata.policies.weights_file import kept
+from ibdata.policies.weights_file import Weights
 
 SHAPES = [(1, ()), (2, (8, 5)), (30, (64, 9, 4))]
 
@@ -103,10 +103,18 @@ def test_shipped_weights_have_names_but_a_users_file_is_first(saved, tmp_path, m
     folder.mkdir()
     (folder / "high.safetensors").write_bytes(networks.weights(seed=3))
     monkeypatch.setattr(weights_file, "SHIPPED", folder)
-    shipped = kept(networks.weights(seed=3))
-    assert Network(file="high").weights is Network(file="high.safetensors").weights is shipped
+    shipped = Weights(networks.weights(seed=3)).sha256
+    assert Network(file="high").sha256 == Network(file="high.safetensors").sha256 == shipped
     with pytest.raises(ValidationError, match="expected one in the current folder or one of high"):
         Network(file="hihg")
     saved()
     (tmp_path / "actor.safetensors").rename(tmp_path / "high")
-    assert Network(file="high").weights is kept(networks.weights())
+    assert Network(file="high").sha256 == Weights(networks.weights()).sha256
+
+
+def test_an_experiment_holds_the_weights_of_a_file_once(saved):
+    saved()
+    block = {"kind": "network", "file": "actor.safetensors"}
+    policies = [block, {"kind": "gaussian", "base": block, "scale": 0.1}]
+    plain, noisy = load({"name": "x", "setpoints": 70, "policies": policies}).policies
+    assert plain.weights is noisy.base.weights

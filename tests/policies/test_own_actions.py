@@ -136,11 +136,11 @@ def drawn(observations):
         (drawn, "if it draws random numbers, write a class with act(history, u), which takes them from u;"),
         (
             Drawing(),
-            "no random numbers; if it draws 3 per step, write uniforms: 3 beside its target in a block",
+            "no random numbers; if it draws 3 per step, write draws: 3 beside its target in a block",
         ),
         (lambda seen: seen[:, 1:4] * np.nan, "step 0: found action [nan nan nan], expected finite numbers"),
     ],
-    ids=["draws", "no uniforms", "NaN"],
+    ids=["draws", "no draws", "NaN"],
 )
 def test_a_failure_says_what_to_do(policy, message):
     with pytest.raises(PolicyError) as caught:

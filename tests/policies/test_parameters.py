@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.errors import ConfigError
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import as_policy
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.yaml import Document
 
@@ -41,7 +41,7 @@ def plain(params):
 def test_what_would_not_come_back_as_it_was_is_refused(params, problem):
     line = rf"^policy: params: found what JSON cannot hold \({problem}.*\), expected finite numbers"
     with pytest.raises(ConfigError, match=line):
-        policy_of({"kind": "custom", "target": "a:b", "params": params})
+        as_policy({"kind": "custom", "target": "a:b", "params": params})
 
 
 TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\x85"), max_size=8)
@@ -70,3 +70,9 @@ def test_they_are_from_the_start_what_json_makes_of_them():
     made = Experiment.model_validate(plain(params)).policies[0].params
     params["pair"].append(3)
     assert repr(made) == repr({"pair": [1, 2], "numpy": 0.25, "tuple": [1, 2]})
+
+
+@pytest.mark.parametrize("target", [3, None, int, ["x"]])
+def test_an_object_that_cannot_act_is_refused(target):
+    with pytest.raises(ConfigError, match=r"^policies.0.target: found .*, expected an object with "):
+        Experiment(name="x", setpoints=70, policies=[{"kind": "live", "target": target}])

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from helpers.policies import playing
+from helpers.policies import playing, ready
 from helpers.remembering import Deciding, Recurrent, Resetting
 
 from ibdata import evaluate
 from ibdata.errors import PolicyError
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import as_policy
 from ibdata.policies import Decision
 from ibdata.policies.checked import AnswerError
 from ibdata.testing import check_policy
@@ -38,7 +38,7 @@ def test_what_is_remembered_is_the_same_in_any_block(make, monkeypatch):
 
 
 def test_a_live_object_has_the_same_random_numbers_at_each_call():
-    block = {"kind": "custom", "target": Resetting(), "uniforms": 3}
+    block = {"kind": "custom", "target": Resetting(), "draws": 3}
     for each in (block, {"kind": "sticky", "base": block, "kappa": 0.2}):
         assert returns(each) == returns(each)
 
@@ -151,8 +151,8 @@ def test_an_object_that_keeps_the_number_of_episodes_is_refused():
 @pytest.mark.parametrize("steps", [[5, 5, 5, 5], [0, 0, 0, 1], [2, 2]])
 @pytest.mark.parametrize("asked", [0, 2])
 def test_a_remembering_object_is_asked_in_order(steps, asked):
-    policy = policy_of(Recurrent())
-    questions = [given for given, _ in playing(policy_of(Recurrent()), 4, 2)]
+    policy, other = (ready(as_policy(Recurrent())) for _ in range(2))
+    questions = [given for given, _ in playing(other, 4, 2)]
     for given in questions[:asked]:
         policy.decide(given)
     wrong = questions[0].apply(lambda x: x[: len(steps)])._replace(step=np.array(steps))

@@ -12,8 +12,7 @@ from helpers.policies import distribution
 
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Needs, at_start
-from ibdata.policies.network import Network
-from ibdata.policies.sampled import Sampled, log_component, rounded_to
+from ibdata.policies.network import Network, Sampled, log_component, rounded_to
 
 COMPONENTS = [(0.3, -1.0), (-1.2, 0.2), (7.0, -2.0), (7.27, 1.0), (-12.0, 0.5)]
 
@@ -54,7 +53,7 @@ def test_log_deviations_are_bounded_as_the_file_says(sampled, way, given, expect
     seen = at_start(np.zeros((1, 1, 6), np.float32), Needs(), np.array([[0.5, 0.8, 0.8, 0.8]]))
     z = 0.8416212335729143  # Φ⁻¹(0.8)
     np.testing.assert_allclose(
-        distribution(policy, seen).sample(seen.uniforms)[0], z * np.exp(expected), rtol=1e-4
+        distribution(policy, seen).sample(seen.draws)[0], z * np.exp(expected), rtol=1e-4
     )
 
 

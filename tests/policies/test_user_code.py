@@ -6,9 +6,9 @@ import importlib.util
 
 import numpy as np
 import pytest
-from helpers.policies import proposed
+from helpers.policies import proposed, ready
 
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import as_policy
 from ibdata.policies.checked import AnswerError
 from ibdata.policies.code import error_line
 
@@ -81,4 +81,4 @@ def test_all_that_code_raises_is_its_error_but_ctrl_c(raised, caught):
         raise raised("x")
 
     with pytest.raises(type(caught), match=str(caught)):
-        proposed(policy_of(fails), np.zeros((2, 1, 6), dtype=np.float32))
+        proposed(ready(as_policy(fails)), np.zeros((2, 1, 6), dtype=np.float32))

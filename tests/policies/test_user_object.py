@@ -9,11 +9,11 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from helpers.policies import proposed
+from helpers.policies import proposed, ready
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import as_policy
 from ibdata.policies import Decision, Policy
 from ibdata.policies.checked import AnswerError
 
@@ -23,7 +23,7 @@ GIVEN = "it was given observations (5, 12)"
 
 
 def asked(target, history=2):
-    return proposed(policy_of(target, history), HISTORY[:, :history], NOTHING)
+    return proposed(ready(as_policy(target, history)), HISTORY[:, :history], NOTHING)
 
 
 class Greedy:
@@ -58,7 +58,7 @@ def doubled(observations):
 def test_what_is_given_may_be_changed_and_is_a_copy(target):
     history = HISTORY.copy()
     history.flags.writeable = False
-    policy = policy_of(target, 2)
+    policy = ready(as_policy(target, 2))
     np.testing.assert_array_equal(proposed(policy, history, NOTHING), 2.0 * HISTORY[:, 0, 1:4])
     np.testing.assert_array_equal(history, HISTORY)
 
@@ -82,7 +82,7 @@ def test_a_density_of_another_form_is_refused_with_a_hint():
     for method in ("log_prob", "log_density"):
         other = type("Other", (Predicting,), {method: lambda self, *_: None})()
         with pytest.raises(UsageError, match=f"Other: found {method}, expected decide to return Decision\\("):
-            policy_of(other)
+            as_policy(other)
 
 
 class Tensor:

@@ -31,7 +31,7 @@ def test_the_first_draw_decides_and_the_others_are_the_action():
 
 def test_the_base_has_the_first_draws_and_the_history():
     policy = EpsilonGreedy(base={"kind": "safe"}, epsilon=0.5)
-    u = np.random.default_rng(5).random((50, policy.needs.step_draws))
+    u = np.random.default_rng(5).random((50, policy.needs.draws))
     u[:, 5] = 0.5
     expected = applied(proposed(Safe(), seen(50), u[:, :5].copy()))
     np.testing.assert_array_equal(proposed(policy, seen(50), u), expected)

@@ -46,13 +46,13 @@ class Reader:
         self.row = row
         self.segment = []
         self.exponentials = [row["exp_g"], row["exp_v"]]
-        self.uniforms = [row["uniform_g"], row["uniform_v"]]
+        self.draws = [row["uniform_g"], row["uniform_v"]]
         self.binomials = [row["bernoulli_g"], row["bernoulli_v"]]
         self.last = [-row["normal_consumption"]]  # IDS subtracts it
 
     def check_all_read(self):
         """Check that the step has used all numbers. (A draw beyond them raises IndexError.)"""
-        left = [*self.segment, *self.exponentials, *self.uniforms, *self.binomials, *self.last]
+        left = [*self.segment, *self.exponentials, *self.draws, *self.binomials, *self.last]
         assert left == []
 
     def seed(self, seed):
@@ -67,7 +67,7 @@ class Reader:
             return self.segment.pop(0)
         if self.exponentials:
             return 1.0 - self.row["uniform_drift_flip"]  # IDS flips above one half, ibdata below
-        return self.uniforms.pop(0)
+        return self.draws.pop(0)
 
     def exponential(self, scale):
         return scale * self.exponentials.pop(0)

@@ -35,7 +35,7 @@ class Shifted(Distribution):
 class Recalling(Policy):
     """Records what it is given; counts its steps and sums its actions in its memory."""
 
-    needs: ClassVar[Needs] = Needs(history=3, step_draws=3, episode_draws=5, memory=2)
+    needs: ClassVar[Needs] = Needs(history=3, draws=3, episode_draws=5, memory=2)
     given: ClassVar[list] = []
 
     kind: Literal["recalling"] = "recalling"
@@ -44,7 +44,7 @@ class Recalling(Policy):
         self.given.append(given.apply(np.copy))
         step, total = given.memory.T
         shifted = Shifted(total)
-        actions = shifted.sample(given.uniforms)
+        actions = shifted.sample(given.draws)
         return Decision(shifted, np.stack([step + 1.0, total + actions[:, 0]], axis=1))
 
 
@@ -128,8 +128,8 @@ def test_memory_is_what_was_returned_and_zero_at_the_start(questions):
 
 def test_random_numbers_of_an_episode_are_at_its_address(questions):
     experiment, _, given = questions
-    assert (given["episode_uniforms"] == given["episode_uniforms"][:, :1]).all()
-    for i, found in enumerate(given["episode_uniforms"][:, 0]):
+    assert (given["episode_draws"] == given["episode_draws"][:, :1]).all()
+    for i, found in enumerate(given["episode_draws"][:, 0]):
         key = stream_key(experiment.seed, experiment.cells[i // 4].digest)[None]
         raw = integers(key, np.array([i % 4]), Purpose.EPISODE_POLICY, 0, 1, 8)[0, :5, 0]
         assert found.tolist() == [((int(x) >> 12) + 0.5) * 2.0**-52 for x in raw]

@@ -100,9 +100,9 @@ def resimulated(experiment, cell, index):
     states, actions = started(experiment, cell, index)
     skipped, log_prob = len(actions), []
     for t in range(experiment.steps):
-        u = uniform(experiment, cell, index, POLICY, t, -(-cell.policy.needs.step_draws // 4) * 4)
+        u = uniform(experiment, cell, index, POLICY, t, -(-cell.policy.needs.draws // 4) * 4)
         seen = history(states, cell.policy.needs.history)
-        action = action_of(cell.policy, seen, u[None, : cell.policy.needs.step_draws])
+        action = action_of(cell.policy, seen, u[None, : cell.policy.needs.draws])
         log_prob.append(log_density_of(cell.policy, seen, action)[0])
         actions.append(action[0])
         states.append(step(states[-1], action, noise(experiment, cell, index, t + 1), experiment.variant))

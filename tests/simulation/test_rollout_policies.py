@@ -81,7 +81,7 @@ def test_an_error_of_several_steps_names_its_own(monkeypatch):
     def decide(self, given):
         assert given.observations.shape == (8, 0, 6)
         wrong = (np.arange(8)[:, None] == 1 * 2 + 1) & (next(calls) == 1)
-        return Decision(np.where(wrong, np.nan, given.uniforms), given.memory)
+        return Decision(np.where(wrong, np.nan, given.draws), given.memory)
 
     monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", 4)
     monkeypatch.setattr("ibdata.policies.baselines.Random.decide", decide)

@@ -191,12 +191,11 @@ NOISE = {"kind": "ornstein_uhlenbeck", "base": {"kind": "optimized"}}
 FADING = [{"base": {"kind": "bad"}, "steps": 7, "epsilon": [1.0, 0.0]}, {"base": NOISE}]
 POLICIES = [
     NOISE,
-    {"kind": "coloured_noise", "period": 16},
     {"kind": "sticky", "base": {"kind": "random"}, "kappa": 0.5},
     {"kind": "prbs"},
     {"kind": "multisine"},
     {"kind": "gaussian", "base": {"kind": "multisine"}, "scale": 0.1},
-    {"kind": "mixture", "bases": [NOISE, {"kind": "safe"}, {"kind": "coloured_noise", "period": 4}]},
+    {"kind": "mixture", "bases": [NOISE, {"kind": "safe"}, {"kind": "prbs"}]},
     {"kind": "schedule", "stages": FADING},
 ]
 STEPS = 21
@@ -215,7 +214,7 @@ def test_the_densities_of_every_policy_are_found_to_be_right(made):
     assert ibdata.reproduce(dataset.path)[1] == []
 
 
-@pytest.mark.parametrize("number", [0, 2, 3, 6, 7])
+@pytest.mark.parametrize("number", [0, 1, 2, 5, 6])
 def test_a_wrong_density_late_in_an_episode_is_found(made, tmp_path, number):
     experiment, dataset = made
     (shard,) = DatasetSpec.of(experiment).shards

@@ -12,17 +12,16 @@ from gymnasium import Env, spaces
 from gymnasium.wrappers import FlattenObservation, FrameStackObservation
 from helpers import ROOT
 from helpers.pages import check_guide
-from helpers.policies import action_of, proposed
+from helpers.policies import action_of, proposed, ready
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 import ibdata
-from ibdata.evaluation.policies import policy_of
+from ibdata.evaluation.policies import as_policy
 from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
 from ibdata.policies.checked import ask
-from ibdata.policies.network import Network
-from ibdata.policies.sampled import Sampled
+from ibdata.policies.network import Network, Sampled
 
 FRAMES = 3
 MEAN, STD = [55.0, 49.0, 50.5, 49.5, 37.5, 166.0], [28.0, 12.0, 30.0, 29.0, 31.0, 139.0]
@@ -104,7 +103,7 @@ def test_the_scaling_of_a_vec_normalize_is_taken_over(file, history):
     model = of_sb3(PPO, env)
     expected, _ = model.predict(env.normalize_obs(history.reshape(len(history), -1)), deterministic=True)
     check_same(saved(file, model), history, expected)
-    own = proposed(policy_of(model, FRAMES), history)
+    own = proposed(ready(as_policy(model, FRAMES)), history)
     np.testing.assert_allclose(np.clip(own, -1.0, 1.0), expected, rtol=0.0, atol=1e-6)
 
 
@@ -114,7 +113,7 @@ def test_draws_have_the_density_of_stable_baselines(file, history, algorithm):
     policy = Sampled(base=saved(file, model, **SCALING), share=1.0)
     given = at_start(history, policy.needs, np.random.default_rng(1).random((len(history), 4)))
     distribution, _ = ask(policy, given)
-    action = applied(distribution.sample(given.uniforms))
+    action = applied(distribution.sample(given.draws))
     inside = (np.abs(action) < 0.99).all(axis=1)
     seen, done = (torch.as_tensor(x[inside]) for x in (scaled(history), action))
     with torch.no_grad():

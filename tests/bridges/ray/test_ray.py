@@ -80,7 +80,7 @@ def test_the_command_runs_on_the_ray_at_an_address(cluster, ibdata):
 def test_a_killed_worker_costs_its_shard_only(cluster, tmp_path, files):
     Path("deadly.py").write_text(POLICY)
     params = {"driver": os.getpid(), "flag": str(tmp_path / "flag")}
-    policy = {"kind": "custom", "target": "deadly:Deadly", "params": params, "uniforms": 3}
+    policy = {"kind": "custom", "target": "deadly:Deadly", "params": params, "draws": 3}
     experiment = {**TINY.plain(), "policies": [policy]}
     made = ibdata.generate(experiment, "ray", engine="ray", allow_code=True)
     assert (tmp_path / "flag").read_text() == "xx"
