@@ -26,5 +26,5 @@ def test_the_code_of_a_guide_prints_what_it_says(guide, tmp_path):
 
 
 def test_the_guides_are_found():
-    assert {"index.md", "experiments.md", "evaluation.md", "splits.md"} <= set(GUIDES)
+    assert {"index.md", "experiments.md", "evaluation.md", "datasets.md"} <= set(GUIDES)
     assert "use-with.md" not in GUIDES
