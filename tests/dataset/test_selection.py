@@ -63,6 +63,15 @@ def test_rows_that_meet_all_conditions_come_in_order(request, which, selection):
         assert_rows(rows, expected, **conditions)
 
 
+def test_the_limits_of_returns_and_numbers_belong_to_them(labelled):
+    lowest, second, third, *_ = sorted(labelled.episodes["return"])
+    for returns, count in (((second, third), 2), ((None, lowest), 1), ((second, None), 11)):
+        selected = labelled.select(returns=returns)
+        assert selected.episodes["episode"].nunique() == count
+        assert_rows(selected, by_hand(labelled, returns=returns))
+    assert_rows(labelled.select(episodes=[0, 11]), by_hand(labelled, episodes=[0, 11]))
+
+
 def assert_rows(rows, expected, **conditions):
     """All ways to read rows give the expected ones."""
     frame = rows.to_pandas(**conditions)

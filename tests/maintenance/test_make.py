@@ -108,8 +108,6 @@ def flipped(path):
 
 DAMAGES = {
     "flipped": ("data/*.parquet", flipped),
-    "lost": ("data/*.parquet", Path.unlink),
-    "torn": ("meta/manifest.json", lambda path: path.write_bytes(path.read_bytes()[:400])),
     "no manifest": ("meta/manifest.json", Path.unlink),
     "no splits": ("meta/splits.json", Path.unlink),
     "a stranger's": ("data", lambda path: (path / "x.parquet").write_text("")),

@@ -63,6 +63,16 @@ def test_a_merged_dataset_holds_the_episodes_of_all(pair, merged):
     assert merged.statistics()["reward"]["mean"] == pytest.approx(sum(rewards) / 84, rel=1e-6)
 
 
+def test_episodes_of_a_third_dataset_follow_those_of_two(make, tmp_path):
+    parts = [make(name, seed=seed) for seed, name in enumerate("abc")]
+    merged = ibdata.merge([each.path for each in parts], tmp_path / "all")
+    assert merged.to_pandas()["reward"].tolist() == [x for d in parts for x in d.to_pandas()["reward"]]
+    assert merged.to_pandas()["episode"].drop_duplicates().tolist() == list(range(18))
+    split = ibdata.split(merged.path, "setpoint", source=[20], target=[70])
+    assert sorted(set(split.to_pandas(split="target")["episode"])) == [3, 4, 5, 9, 10, 11, 15, 16, 17]
+    assert ibdata.validate(split) == []
+
+
 @pytest.mark.parametrize(("episodes", "count"), [(None, 18), (6, 6)])
 def test_a_merged_dataset_is_reproduced_whole_and_in_part(merged, episodes, count):
     assert ibdata.reproduce(merged.path, episodes) == (count, [])

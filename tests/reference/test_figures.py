@@ -118,7 +118,9 @@ def test_mu_reaches_its_cap_14_or_15_steps_after_the_run_away(setpoint):
     assert set(cap[seen] - run_away[seen]) == {14.0, 15.0}
 
 
-@pytest.mark.parametrize(("variant", "setpoint"), RUN_AWAY)
+@pytest.mark.parametrize(
+    ("variant", "setpoint"), [pytest.param(*key, marks=SLOW if key[1] == 50 else ()) for key in RUN_AWAY]
+)
 def test_the_table_of_run_aways(variant, setpoint):
     """Why `siemens` is the default: 2,000 episodes of 1000 random steps for each variant and setpoint."""
     median, never, at_cap = RUN_AWAY[variant, setpoint]

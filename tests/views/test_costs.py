@@ -44,6 +44,12 @@ def test_all_ways_to_read_have_the_costs_of_the_next_states(ds, view, tmp_path):
     assert dict(zip(header.replace('"', "").split(","), first.split(","), strict=True))["cost"] in "01"
 
 
+@pytest.mark.parametrize(("cost", "expected"), [({"fatigue": 1.2}, [0, 0, 1]), ("runaway", [0, 1, 1])])
+def test_a_fatigue_at_its_limit_costs_nothing_and_a_hidden_state_at_1_2_does(cost, expected):
+    around = np.nextafter(np.float32(1.2), [np.float32(0), np.float32(1.2), np.float32(2)])
+    assert cost_of(cost).of([around]).tolist() == expected
+
+
 def test_formats_without_a_place_for_costs_refuse_them(ds, tmp_path):
     with pytest.raises(UsageError, match="cost: found one, but the format neorl has no place for costs"):
         ibdata.export(ds, "neorl", tmp_path / "x.npz", view=FATIGUE)
