@@ -56,12 +56,12 @@ import ibdata
 from ibdata.system import part
 from ibdata.system.part import locked_part
 
-def rename(path, target, real=part.Path.rename):
+def rename(path, target, real=part.rename):
     real(path, target)
     if target.name == part.OLD:
         os._exit(9)
 
-part.exchanged, part.Path.rename = lambda a, b: False, rename
+part.exchanged, part.rename = lambda a, b: False, rename
 ibdata.generate(ibdata.Experiment.model_validate({TINY.plain()}), "out", workers=1, overwrite=True)
 """
 
@@ -124,14 +124,14 @@ def test_a_file_that_took_the_place_stays(between):
 
 
 def test_where_the_second_rename_fails_the_old_dataset_is_back_at_once(tiny, files, monkeypatch):
-    def rename(path, target, real=Path.rename):
+    def rename(path, target, real=part.rename):
         if path.name == "dataset":
             raise OSError(5, "Input/output error")
         return real(path, target)
 
     monkeypatch.setattr(part, "exchanged", lambda a, b: False)
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "rename", rename)
+        patch.setattr(part, "rename", rename)
         with pytest.raises(ibdata.IbdataError, match=r"^out: cannot be written: Input/output error$"):
             replace()
     assert files("out") == files(tiny[1].path)
