@@ -19,6 +19,8 @@ from ibdata.evaluation.states import Source
 from ibdata.numerics.random import Purpose, integers
 from ibdata.policies import OBSERVATION
 
+pytestmark = pytest.mark.portable
+
 ACTIONS = [f"act_{name}" for name in ("velocity", "gain", "shift")]
 FRAMES = 4
 

@@ -19,6 +19,8 @@ from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies import OBSERVATION
 from ibdata.simulation.variables import hidden as hidden_variables
 
+pytestmark = pytest.mark.portable
+
 
 class Tape:
     """Integers in a row for each lane, and how many were taken."""
