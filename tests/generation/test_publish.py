@@ -268,7 +268,7 @@ def test_a_run_of_another_version_is_passed_over(tiny, files, capsys):
     ibdata.generate(TINY, "out", workers=1, shards="1/2")
     (run,) = Path(".out.part").glob("*/run.json")
     write(run.parent, run.name, sealed(read_sealed(run).replace(b'"random"', b'"wander"')))
-    with pytest.raises(SystemExit, match="^0$"):
+    with pytest.raises(SystemExit, match=r"^0$"):
         main(["ls", "."])
     assert "unfinished, damaged" in capsys.readouterr().out
     with pytest.raises(UsageError, match=r"^out: holds no finished shard"):
