@@ -86,6 +86,12 @@ nox.session(partial(core, oldest=True), name="oldest")
 nox.session(newest, python=next(reversed(pythons(NEW)), None))
 
 
+@nox.session(venv_backend="none")
+def windows(session: nox.Session) -> None:
+    """Run the tests that are marked portable under Wine."""
+    session.run("scripts/windows", *session.posargs, external=True)
+
+
 @nox.session
 def build(session: nox.Session) -> None:
     """Make the wheel and the sdist of the last commit, and run the README from each on all Pythons."""

@@ -7,7 +7,7 @@ import os
 import re
 import signal
 import subprocess
-import sys
+import sysconfig
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,8 @@ from ibdata.writing.metadata import as_json
 # Background jobs of a shell ignore SIGINT, and those under nohup SIGHUP. Children would inherit this, but a
 # signal that has a handler here gets its default action in them.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-signal.signal(signal.SIGHUP, lambda number, frame: None)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, lambda number, frame: None)
 
 if not FULL:
     os.fsync = lambda descriptor: None  # 30 waits for the disk in each run; those of children stay
@@ -35,6 +36,14 @@ Run = Callable[..., subprocess.CompletedProcess[str]]
 ShardFile = Callable[[str | Path, int], str]
 
 
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Windows imports only what is marked to run on every system: others need POSIX's names."""
+    if os.name != "nt":
+        return None
+    tests = collection_path.rglob("test_*.py") if collection_path.is_dir() else [collection_path]
+    return None if any(b"mark.portable" in test.read_bytes() for test in tests) else True
+
+
 def pytest_make_parametrize_id(val: object) -> str | None:
     """Parameters are named by the beginning of their text."""
     return ascii(str(val))[1:-1][:30] if isinstance(val, str | dict | list | tuple) else None
@@ -43,7 +52,7 @@ def pytest_make_parametrize_id(val: object) -> str | None:
 @pytest.fixture(scope="session")
 def command() -> str:
     """The path of the installed console script."""
-    return str(Path(sys.executable).parent / "ibdata")
+    return str(Path(sysconfig.get_path("scripts"), "ibdata.exe" if os.name == "nt" else "ibdata"))
 
 
 @pytest.fixture

@@ -24,6 +24,7 @@ from ibdata.cli._options import Suggesting
 from ibdata.cli._printing import print_json, shortened
 from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, notice, printable
 from ibdata.system import processes
+from ibdata.system.signals import STOPPING
 from ibdata.version import __version__
 
 COMMANDS = {  # by what they are for; the module of each
@@ -169,7 +170,7 @@ def _end_at_signals() -> None:
         os.write(2, b"ibdata: stopped by signal %d\n" % number)
         os._exit(128 + number)
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in STOPPING:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, end)
 

@@ -132,7 +132,7 @@ def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iter
     shapes = dict(zip(WindowData._fields, _shapes(sizes), strict=True))
     size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes.values())
     with (folder / DESCRIPTION).open("w") as file:
-        files.reserve(file.fileno(), size)  # a full disk would end the process that fills a map
+        files.reserve(file, size)  # a full disk would end the process that fills a map
         file.truncate(0)
         json.dump(description, file, sort_keys=True)
     maps = [

@@ -135,7 +135,7 @@ def reserve(path: Path, size: int) -> None:
     When a write fails, HDF5 ends the process with a segmentation fault (h5py 3.16), without a message.
     """
     with path.open("xb") as file:
-        files.reserve(file.fileno(), size)
+        files.reserve(file, size)
     path.unlink()
 
 

@@ -26,7 +26,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.record import Record
 from ibdata.numerics.naming import counted
 from ibdata.policies.user_object import ObjectPolicy
-from ibdata.system.files import keep_access, part_of, paths_in, remove, sync_all
+from ibdata.system.files import keep_access, part_of, paths_in, remove, rename, sync_all
 from ibdata.system.part import RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
 from ibdata.system.signals import ignore
 from ibdata.writing.finish import finish
@@ -197,7 +197,7 @@ class Build:
             folder.mkdir()
         self._record.write(new)
         try:
-            new.rename(self.run)
+            rename(new, self.run)
         except OSError:
             remove(new)
             if not self.run.exists():
@@ -246,7 +246,8 @@ class Build:
             record.model_copy(update={"manifest": _checksum(folder)}).write(self.run)
             ignore()  # a run that has published is finished, and not stopped
             self._part.place(folder, self._overwrite)
-        self._part.clear()
+        with suppress(OSError):  # Windows removes no open file; who has the part next removes it
+            self._part.clear()
 
 
 def _refuse_place(path: Path, name: str) -> None:
@@ -254,7 +255,8 @@ def _refuse_place(path: Path, name: str) -> None:
     manifest.refuse_inside(path)
     refuse_name(Path(name).parts, name)
     here = Path.cwd()
-    if path == here or path in here.parents:
+    around = [each for each in (here, *here.parents) if str(each).lower() == str(path).lower()]
+    if path in around or (path.exists() and any(map(path.samefile, around))):  # macOS has names in any case
         raise UsageError(f"{name}: is the current folder or around it; choose another --out")
     if os.path.ismount(path):
         raise UsageError(f"{name}: is a mount point, which cannot be replaced; choose a folder in it")
@@ -318,7 +320,7 @@ def _refuse_files(folder: Path, listed: Manifest) -> None:
 def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
     """What is in a dataset's folder that is not the dataset's."""
     known = {*listed.entries(), manifest.PATH, manifest.SPLITS, manifest.CARD, manifest.REPORT}
-    known |= {str(part_of(Path(path))) for path in known}  # of a writer that was killed
+    known |= {part_of(Path(path)).as_posix() for path in known}  # of a writer that was killed
     for path in paths_in(folder):
         if path.name in ("data", "meta") and path.is_dir():
             yield from (inner for inner in paths_in(path) if f"{path.name}/{inner.name}" not in known)

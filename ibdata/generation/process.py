@@ -7,16 +7,14 @@ in the folder of a dataset do not run.
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from functools import cached_property
-from multiprocessing.connection import Connection, Pipe
+from multiprocessing.connection import Pipe
 from pathlib import Path
 from queue import SimpleQueue
-from subprocess import DEVNULL, Popen
 from tempfile import TemporaryDirectory
 from traceback import format_exc
 from typing import Any, NamedTuple, Protocol
@@ -26,7 +24,8 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Acting, is_fresh
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 from ibdata.system import processes
-from ibdata.system.signals import held
+from ibdata.system.pipes import Connection, start
+from ibdata.system.signals import held, leave_to_parent
 
 # The path of modules comes from the parent. Before it is set, nothing is imported, because `python -c` looks
 # in the current folder before all others.
@@ -129,7 +128,7 @@ class Worker:
 
     def __init__(self, spec: DatasetSpec, folder: Path, root: Path | None = None) -> None:
         self.spec, self.folder = spec, folder
-        self._machine_code = TemporaryDirectory(prefix="ibdata-")
+        self._machine_code = TemporaryDirectory(prefix="ibdata-", ignore_cleanup_errors=True)
         self._waiting: list[Any] = [WorkerTask.of(spec, folder, root)]
         self._pipe, theirs = Pipe()
         path = [folder for folder in sys.path if folder]
@@ -137,9 +136,7 @@ class Worker:
         environment = {**os.environ, "NUMBA_CACHE_DIR": self._machine_code.name}
         try:
             with held(), theirs:
-                self._process = Popen(
-                    arguments, pass_fds=[theirs.fileno()], stdin=DEVNULL, stdout=2, env=environment
-                )
+                self._process = start(arguments, theirs, environment)
         except OSError:
             self._machine_code.cleanup()
             raise
@@ -173,9 +170,7 @@ class Worker:
 def main(descriptor: int) -> None:
     """Answer what the parent asks, until it ends."""
     processes.purpose = "worker"
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal signals every process; the parent reacts
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
+    leave_to_parent()
     pipe = Connection(descriptor)
     received: SimpleQueue[Any] = SimpleQueue()
     threading.Thread(target=_listen, args=(pipe, received), daemon=True).start()

@@ -68,7 +68,7 @@ def refuse_overwrite(url: str, overwrite: bool) -> None:
 
 
 def _files(work: Path) -> set[str]:
-    return {str(path.relative_to(work)) for path in work.rglob("*") if not is_litter(path.name)}
+    return {path.relative_to(work).as_posix() for path in work.rglob("*") if not is_litter(path.name)}
 
 
 def drop_damaged(work: Path, spec: DatasetSpec) -> None:

@@ -15,7 +15,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Shard, declared_spec, sp
 from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
 from ibdata.generation.workers import refuse_workers, run
-from ibdata.system.files import FileEntry, keep_access, remove, sync_folder, write
+from ibdata.system.files import FileEntry, keep_access, remove, rename, sync_folder, write
 from ibdata.system.part import locked_part, resolved
 from ibdata.system.progress import Progress
 from ibdata.system.signals import check
@@ -212,5 +212,5 @@ def _move(file: Path, path: Path) -> None:
     """Put a file that was made again in the place of the broken one, whose mode and group it gets."""
     path.parent.mkdir(exist_ok=True)
     keep_access(path, file)
-    file.replace(path)
+    rename(file, path)
     sync_folder(path.parent)

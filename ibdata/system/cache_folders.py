@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
+import sys
 import tempfile
 from contextlib import suppress
 from functools import cache
@@ -25,7 +26,8 @@ def cache_folders() -> CacheFolders:
     If neither can be written to, a temporary folder, which this process removes at its end, is the last.
     """
     folders: list[str] = []
-    user = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    variable = "LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME"
+    user = os.environ.get(variable) or "~/.cache"
     for folder in (os.environ.get("IBDATA_CACHE_DIR", ""), os.path.join(user, "ibdata")):
         path = os.path.expanduser(folder)
         with suppress(OSError):

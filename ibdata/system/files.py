@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import hashlib
 import io
 import math
 import os
 import shutil
 import stat
+import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import IO, Any, BinaryIO, NamedTuple
 
 BLOCK = 2**20
 SEAL_BYTES = 32  # of the SHA-256 at the end of a sealed file
 MOST_SEALED = 2**32  # bytes
 WAITING = 8  # files for which `sync_all` waits at a time
+READ = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+TRIES = 20 if sys.platform == "win32" else 1  # of a rename
 
 
 class FileEntry(NamedTuple):
@@ -78,7 +81,7 @@ def new_file(path: Path, waits: bool = True) -> Iterator[HashingFile]:
             yield HashingFile(raw)
             raw.flush()
             if waits:
-                sync(raw.fileno())
+                os.fsync(raw.fileno())
     except BaseException:
         path.unlink(missing_ok=True)
         raise
@@ -101,12 +104,29 @@ def write(folder: Path, path: str, data: bytes) -> FileEntry:
     entry = write_new(temporary.parent, temporary.name, data)
     try:
         keep_access(target, temporary)
-        temporary.replace(target)
+        rename(temporary, target)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
     sync_folder(target.parent)
     return entry._replace(path=path)
+
+
+def rename(path: Path, new: Path) -> None:
+    """Give a file or folder another name, perhaps that of a file, which it replaces.
+
+    Windows refuses this while a program has a file of it open, as a virus scanner has for a moment.
+    """
+    for tries in range(TRIES):
+        try:
+            path.replace(new)
+            return
+        except PermissionError as error:
+            if tries == TRIES - 1:
+                if sys.platform == "win32":
+                    error.strerror = "refused by Windows, perhaps because a program has a file of it open"
+                raise
+            time.sleep(0.05)
 
 
 def part_of(target: Path) -> Path:
@@ -123,7 +143,8 @@ def keep_access(old: Path, new: Path) -> None:
         return
     status = old.stat()
     with suppress(OSError):
-        os.chown(new, -1, status.st_gid)
+        if hasattr(os, "chown"):  # not under Windows
+            os.chown(new, -1, status.st_gid)
     with suppress(OSError):
         new.chmod(stat.S_IMODE(status.st_mode) | stat.S_IRUSR)
 
@@ -142,7 +163,7 @@ def file_sha256(path: Path) -> str | None:
 
 def open_regular(path: Path) -> BinaryIO:
     """Open a regular file, also through a link. Raises OSError for another, such as an endless pipe."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    descriptor = os.open(path, READ)
     if stat.S_ISREG(os.fstat(descriptor).st_mode):
         return os.fdopen(descriptor, "rb")
     os.close(descriptor)
@@ -190,38 +211,38 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def sync(descriptor: int) -> None:
-    """Wait until the data of an open file or folder are on the disk.
-
-    On macOS, fsync returns when the disk has the data in its own memory, and F_FULLFSYNC when they are safe.
-    File systems that do not know it, such as those of a network, get an fsync.
-    """
-    full = getattr(fcntl, "F_FULLFSYNC", None)
-    if full is not None:
-        try:
-            fcntl.fcntl(descriptor, full)
-            return
-        except OSError:
-            pass
-    os.fsync(descriptor)
-
-
-def reserve(descriptor: int, size: int) -> None:
+def reserve(file: IO[Any], size: int) -> None:
     """Make an open file as large as this. Raises OSError if there is no room.
 
     Where the system cannot reserve room, such as on macOS, this only asks how much there is.
     """
     if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(descriptor, 0, size)
-        return
-    space = os.fstatvfs(descriptor)
-    if size > space.f_bavail * space.f_frsize:
+        os.posix_fallocate(file.fileno(), 0, size)
+    elif size > shutil.disk_usage(Path(file.name).parent).free:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def sync_folder(folder: Path) -> None:
-    """Wait until the list of files in a folder is on the disk."""
-    _sync_path(folder)
+    """Wait until the list of files in a folder is on the disk, and all files that were synced before.
+
+    On macOS, fsync returns when the disk has the data in its own memory, and F_FULLFSYNC when all that it has
+    there are safe. File systems that do not know it, such as those of a network, get an fsync. Windows syncs
+    no folders.
+    """
+    if sys.platform == "win32":
+        return
+    import fcntl
+
+    full = getattr(fcntl, "F_FULLFSYNC", None)
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        if full is not None:
+            with suppress(OSError):
+                fcntl.fcntl(descriptor, full)
+                return
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def sync_all(place: Path) -> None:
@@ -230,14 +251,14 @@ def sync_all(place: Path) -> None:
     folders = [path for path in paths if path.is_dir()]
     files = [path for path in paths if not path.is_dir()]
     with ThreadPoolExecutor(WAITING) as threads:  # the disk takes as long for several files as for one
-        list(threads.map(_sync_path, files))
+        list(threads.map(_sync_file, files))
     for folder in reversed(folders):  # the inner ones first
         sync_folder(folder)
 
 
-def _sync_path(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
+def _sync_file(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDWR if sys.platform == "win32" else os.O_RDONLY)
     try:
-        sync(descriptor)
+        os.fsync(descriptor)
     finally:
         os.close(descriptor)

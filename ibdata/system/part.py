@@ -13,12 +13,13 @@ import json
 import os
 import re
 import secrets
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from ibdata.errors import IbdataError, UsageError, is_thread_limit
-from ibdata.system.files import part_of, paths_in, read_sealed, remove, sync_folder
+from ibdata.errors import IbdataError, UsageError, is_thread_limit, notice
+from ibdata.system.files import part_of, paths_in, read_sealed, remove, rename, sync_folder
 from ibdata.system.lock import Lock, locked
 from ibdata.system.signals import stoppable
 
@@ -26,6 +27,10 @@ LOCK, NOTE, RECEIPTS, OLD = "ibdata.lock", "run.json", "receipts", "old"
 RUN = re.compile("[0-9a-f]{16}")  # the name of a run's folder
 PATIENCE = (
     10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
+)
+# Windows takes these names for those of devices, or leaves the end of a name away.
+WINDOWS_NAMES = re.compile(
+    r'(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?|.*[ .]|.*[<>:"|?*\0-\x1f].*', re.I | re.S
 )
 AT_FDCWD, RENAME_EXCHANGE, RENAME_SWAP = -100, 2, 2  # of renameat2 and renamex_np
 
@@ -35,6 +40,8 @@ def exchanged(a: Path, b: Path) -> bool:
 
     The call is Linux's renameat2, or macOS's renamex_np, which has not been tried on macOS.
     """
+    if sys.platform == "win32":
+        return False
     library, names = ctypes.CDLL(None, use_errno=True), (os.fsencode(a), os.fsencode(b))
     if hasattr(library, "renameat2"):
         failed = library.renameat2(AT_FDCWD, names[0], AT_FDCWD, names[1], RENAME_EXCHANGE)
@@ -101,12 +108,15 @@ class Part:
         is_taken = self.target.is_file() or (is_folder and any(self.target.iterdir()))
         is_littered = is_folder and not existing_paths(self.target)  # with what macOS leaves
         if not (is_taken and (replace or is_littered)):
-            dataset.rename(self.target)  # which fails where somebody has put files meanwhile
+            if sys.platform == "win32":  # where no folder takes the place of an empty one
+                with suppress(OSError):
+                    self.target.rmdir()
+            rename(dataset, self.target)  # which fails where somebody has put files meanwhile
         elif not exchanged(dataset, self.target):
             remove(self.folder / OLD)
-            self.target.rename(self.folder / OLD)  # readers find nothing for a moment
-            dataset.rename(self.target)
-            (self.folder / OLD).rename(self.folder / f"tmp-{secrets.token_hex(8)}")
+            rename(self.target, self.folder / OLD)  # readers find nothing for a moment
+            rename(dataset, self.target)
+            rename(self.folder / OLD, self.folder / f"tmp-{secrets.token_hex(8)}")
         sync_folder(self.target.parent)
 
     def restore(self) -> None:
@@ -115,12 +125,12 @@ class Part:
             with suppress(OSError):
                 self.target.rmdir()  # an empty folder
             if not os.path.lexists(self.target):
-                (self.folder / OLD).rename(self.target)
+                rename(self.folder / OLD, self.target)
 
     def clear(self) -> None:
         """Remove all that is in it but the lock; each run at once, so that nobody goes on with its rest."""
         for run in self.runs:
-            run.rename(self.folder / f"tmp-{secrets.token_hex(8)}")
+            rename(run, self.folder / f"tmp-{secrets.token_hex(8)}")
         for path in self.folder.iterdir():
             if path.name != LOCK:
                 remove(path)
@@ -128,7 +138,7 @@ class Part:
     def remove(self) -> None:
         """Remove what is in it, the lock last, so that nobody else begins before it is empty."""
         self.clear()
-        (self.folder / LOCK).unlink(missing_ok=True)
+        self.lock.remove()
 
 
 def existing_paths(folder: Path) -> list[Path]:
@@ -149,7 +159,13 @@ def resolved(out: str | os.PathLike[str]) -> Path:
     """The place of an output without links, which may lead to another disk."""
     if "\0" in os.fspath(out):
         raise UsageError(f"--out: found {os.fspath(out)!r}, expected a path without NUL")
-    return Path(os.path.realpath(os.path.expanduser(out)))
+    path = Path(os.path.expanduser(out))
+    for name in path.parts[bool(path.anchor) :] if sys.platform == "win32" else ():
+        if name != ".." and WINDOWS_NAMES.fullmatch(name):
+            raise UsageError(
+                f"{out}: found {name!r}, which is no name of a folder in Windows; choose another"
+            )
+    return Path(os.path.realpath(path))
 
 
 @contextmanager
@@ -184,7 +200,12 @@ def locked_part(
             if part.lock.take_alone():
                 part.restore()
                 if not part.receipts:
-                    part.remove()
+                    try:
+                        part.remove()
+                    except OSError as error:  # Windows removes no open file
+                        notice(
+                            f"{part.folder}: cannot be removed yet: {error.strerror}; the next run removes it"
+                        )
 
 
 def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float) -> Lock:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 from ibdata.errors import Interrupted
 
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# Windows has no SIGHUP, but SIGBREAK for Ctrl-Break; it has no mask of signals either.
+STOPPING = [each for each in signal.Signals if each.name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")]
 
 _arrived: list[int] = []
 _held: list[int] = []  # one entry for each block of `held` that has not ended
@@ -29,12 +30,12 @@ def held() -> Iterator[None]:
     A signal mask is not enough, because a library's thread may receive the signal, and Python then calls the
     handler in the main thread.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    before = _mask("SIG_BLOCK", STOPPING)
     _held.append(0)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        _mask("SIG_SETMASK", before)
         _held.pop()
         if not _held:
             check()
@@ -45,6 +46,19 @@ def ignore() -> None:
     if threading.current_thread() is threading.main_thread():
         for number in STOPPING:
             signal.signal(number, signal.SIG_IGN)
+
+
+def leave_to_parent() -> None:
+    """Ignore what a terminal sends to every process, and take what the parent has blocked, in its child."""
+    for number in STOPPING:
+        if number != signal.SIGTERM:
+            signal.signal(number, signal.SIG_IGN)
+    _mask("SIG_UNBLOCK", [signal.SIGTERM])
+
+
+def _mask(how: str, numbers: Iterable[int]) -> Iterable[int]:
+    change = getattr(signal, "pthread_sigmask", None)
+    return change(getattr(signal, how), numbers) if change else ()
 
 
 @contextmanager

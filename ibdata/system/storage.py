@@ -46,7 +46,7 @@ class Storage:
 
     def where(self, path: str) -> str:
         """The name of a file, for messages."""
-        return os.path.join(self.name, path)
+        return os.path.join(self.name, *path.split("/"))
 
     def error(self, path: str, problem: str) -> DatasetError:
         """The error that names a file and its problem."""

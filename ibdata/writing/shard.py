@@ -27,7 +27,7 @@ from ibdata.errors import IbdataError
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.simulation.episodes import Table
-from ibdata.system.files import FileEntry, file_sha256, new_file, read_sealed, sealed, write_new
+from ibdata.system.files import FileEntry, file_sha256, new_file, read_sealed, rename, sealed, write_new
 from ibdata.system.part import RECEIPTS
 from ibdata.system.signals import held
 from ibdata.writing.columns import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
@@ -172,7 +172,7 @@ def write_receipt(root: Path, written: WrittenShard) -> None:
     path.parent.mkdir(exist_ok=True)
     temporary = root / f".tmp-{secrets.token_hex(6)}-{path.name}"  # hosts may have equal process ids
     write_new(root, temporary.name, sealed(buffer.getvalue()))
-    temporary.replace(path)
+    rename(temporary, path)
 
 
 def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:

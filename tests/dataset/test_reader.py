@@ -1,6 +1,7 @@
 """Reading a dataset: tables, batches, and arrays with histories."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from helpers import python
 
 import ibdata
 from ibdata.errors import UsageError
+
+pytestmark = pytest.mark.portable
 
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
 SPLITS = {None: 480, "target": 160}
@@ -138,6 +141,7 @@ def test_files_that_the_manifest_does_not_list_are_not_read(copied, dataset):
     assert sum(batch.num_rows for batch in found.iter_batches()) == len(found) == 480
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows makes links for administrators only")
 def test_files_may_be_links_as_in_the_cache_of_the_hub(dataset, tmp_path):
     """`hf download` without --local-dir gives such a folder. A split that is made there stays there."""
     stored, linked = Path(shutil.copytree(dataset.path, tmp_path / "blobs")), tmp_path / "snapshot"

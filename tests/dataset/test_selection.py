@@ -9,6 +9,8 @@ import pytest
 import ibdata
 from ibdata.errors import UsageError
 
+pytestmark = pytest.mark.portable
+
 SELECTIONS = {
     "a number": {"setpoint": 70},
     "a list": {"setpoint": [20, 70.0]},

@@ -7,6 +7,8 @@ import pytest
 from ibdata.errors import UsageError
 from ibdata.views.options import view_options
 
+pytestmark = pytest.mark.portable
+
 TROUBLES = {
     "delay": {"obs_fatigue": 3},
     "noise": {"obs_consumption": 2.0},

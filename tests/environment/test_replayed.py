@@ -13,6 +13,8 @@ from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import UsageError
 from ibdata.policies import OBSERVATION
 
+pytestmark = pytest.mark.portable
+
 ACTIONS = [f"act_{name}" for name in ("velocity", "gain", "shift")]
 FRAMES = 4
 

@@ -12,6 +12,8 @@ from ibdata.environment.settings import frame_bounds, settings
 from ibdata.environment.simulation import Lane, Simulation
 from ibdata.errors import UsageError
 
+pytestmark = pytest.mark.portable
+
 
 class Tape:
     """Integers in a row for each lane, and how many were taken."""

@@ -16,6 +16,8 @@ from ibdata.evaluation.play import _digests
 from ibdata.experiment import Experiment
 from ibdata.numerics.random import Purpose
 
+pytestmark = pytest.mark.portable
+
 # The forms whose SHA-256 the addresses begin with; like the cells' they must never change.
 ENVIRONMENT = (
     '{"dynamics": "siemens", "label": "evaluate", "setpoint": "0x1.1800000000000p+6", "start": "default"}'

@@ -49,12 +49,12 @@ import ibdata
 from ibdata.system import part
 from ibdata.system.part import locked_part
 
-def rename(path, target, real=part.Path.rename):
+def rename(path, target, real=part.rename):
     real(path, target)
     if target.name == part.OLD:
         os._exit(9)
 
-part.exchanged, part.Path.rename = lambda a, b: False, rename
+part.exchanged, part.rename = lambda a, b: False, rename
 ibdata.generate(ibdata.Experiment.model_validate({TINY.plain()}), "out", workers=1, overwrite=True)
 """
 

@@ -14,6 +14,8 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.split_schemes import by_episode
 from ibdata.maintenance.rewrite import relabel
 
+pytestmark = pytest.mark.portable
+
 SETPOINTS = set(MANY["setpoints"])
 BOTH = {"random", "safe"}
 ALL = {0, 1, 2, 3, 4}

@@ -9,6 +9,8 @@ from ibdata.environment import IndustrialBenchmarkEnv, IndustrialBenchmarkVector
 from ibdata.policies import OBSERVATION
 from ibdata.simulation.episodes import hidden
 
+pytestmark = pytest.mark.portable
+
 ID = "ibdata/IndustrialBenchmark-v0"
 CASES = {
     "uniform, paper": (

@@ -8,6 +8,8 @@ import ibdata
 from ibdata.environment.vector import MODES
 from ibdata.errors import UsageError
 
+pytestmark = pytest.mark.portable
+
 ID = "ibdata/IndustrialBenchmark-v0"
 STEPS = 30  # three episodes: past the integers that are read ahead
 LANES = 3

@@ -1,18 +1,13 @@
 """The simulator in JAX has the equations of `ibdata.dynamics` and the laws of its noise."""
 
-import shutil
 from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import ROOT, tape
-from helpers.pages import check_guide
 
-import ibdata
-from ibdata.dynamics import PAPER, SIEMENS, initial_state
-from ibdata.dynamics import step as ibdata_step
+import jax
+from ibdata.dynamics import PAPER, SIEMENS
 
 FILE = ROOT / "studies/jax/industrial_benchmark.py"
 STEPS, LANES = 400, 60
