@@ -1,4 +1,21 @@
-"""Offline reinforcement-learning datasets of the Industrial Benchmark (Hein et al. 2017)."""
+"""Offline reinforcement-learning datasets of the Industrial Benchmark (Hein et al. 2017).
+
+A room without an underscore is a noun of docs/index.md; one with an underscore is how it is done.
+
+- dynamics: the equations, a file for each part of the paper
+- views: the variables, and what of them is seen and rewarded
+- policies: behaviours and their densities
+- experiment: from YAML to what is simulated, and the plan of a dataset's files
+- generation: how a dataset comes to be: shards, their files and metadata, the build in a hidden part
+- dataset: a finished dataset, and what is read of it
+- evaluation: what policies are worth, by simulation, from data, or at single states
+- environment: the benchmark for Gymnasium
+- exporters, plots: the formats of other libraries, a file each; pictures and the report
+- tools: what is done to finished datasets: validate, repair, reproduce, split, merge, make, list, card
+- cli: the commands
+- _simulation: episodes side by side, unrolled step by step
+- _numerics, _system: the same bits on every machine; files, locks, signals and processes
+"""
 
 import sys
 from importlib import import_module
@@ -8,6 +25,7 @@ from ibdata.version import __version__ as __version__
 
 if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.dataset.dataset import Dataset as Dataset
+    from ibdata.dataset.quality import quality as quality
     from ibdata.errors import IbdataError as IbdataError
     from ibdata.evaluation import evaluate as evaluate
     from ibdata.evaluation.baselines import baselines as baselines
@@ -23,14 +41,14 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.generation.estimate import estimate as estimate
     from ibdata.generation.generate import finalize as finalize
     from ibdata.generation.generate import generate as generate
-    from ibdata.maintenance.make import make as make
-    from ibdata.maintenance.merge import merge as merge
-    from ibdata.maintenance.repair import repair as repair
-    from ibdata.maintenance.reproduce import reproduce as reproduce
-    from ibdata.maintenance.split import split as split
-    from ibdata.measures import quality as quality
     from ibdata.policies.save_network import save_network as save_network
-    from ibdata.validation.validate import validate as validate
+    from ibdata.tools.card import card as card
+    from ibdata.tools.make import make as make
+    from ibdata.tools.merge import merge as merge
+    from ibdata.tools.repair import repair as repair
+    from ibdata.tools.reproduce import reproduce as reproduce
+    from ibdata.tools.split import split as split
+    from ibdata.tools.validate import validate as validate
 
     open = Dataset
 
@@ -40,6 +58,7 @@ _MODULES = {
     "Experiment": "experiment",
     "IbdataError": "errors",
     "baselines": "evaluation.baselines",
+    "card": "tools.card",
     "estimate": "generation.estimate",
     "evaluate": "evaluation",
     "export": "exporters",
@@ -47,20 +66,20 @@ _MODULES = {
     "generate": "generation.generate",
     "importance": "evaluation.importance",
     "load": "experiment",
-    "make": "maintenance.make",
-    "merge": "maintenance.merge",
+    "make": "tools.make",
+    "merge": "tools.merge",
     "noise_floor": "evaluation.noise_floor",
     "open": "dataset.dataset",
-    "quality": "measures",
-    "repair": "maintenance.repair",
-    "reproduce": "maintenance.reproduce",
+    "quality": "dataset.quality",
+    "repair": "tools.repair",
+    "reproduce": "tools.reproduce",
     "rollouts": "evaluation.rollouts",
     "save_network": "policies.save_network",
     "score_model": "evaluation.score_model",
-    "split": "maintenance.split",
+    "split": "tools.split",
     "state_at": "evaluation.states",
     "true_values": "evaluation.true_values",
-    "validate": "validation.validate",
+    "validate": "tools.validate",
 }
 
 __all__ = sorted([*_MODULES, "__version__"])

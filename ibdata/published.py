@@ -20,7 +20,7 @@ from ibdata.dynamics.setpoint import segment_rate
 from ibdata.dynamics.state import COSTS, NO_DRIFT, Floats
 from ibdata.dynamics.step import advance
 from ibdata.errors import UsageError, excerpt, missing
-from ibdata.variables import rows
+from ibdata.views.variables import rows
 
 try:
     import gymnasium

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
 from ibdata.errors import PolicyError
 from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.policies import Observed, Policy, checked

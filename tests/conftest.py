@@ -19,7 +19,7 @@ from helpers.by_hand import recorded_episode
 from helpers.folders import seal
 
 from ibdata.dataset import manifest
-from ibdata.writing.metadata import as_json
+from ibdata.generation.metadata import as_json
 
 # Background jobs of a shell ignore SIGINT, and those under nohup SIGHUP. Children would inherit this, but a
 # signal that has a handler here gets its default action in them.

@@ -17,12 +17,12 @@ import pandas as pd
 import pytest
 
 import ibdata
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
 from ibdata.environment.settings import settings
 from ibdata.errors import UsageError
-from ibdata.maintenance.card import card
 from ibdata.plots import plot
 from ibdata.testing import check_policy
+from ibdata.tools.card import card
 from ibdata.views.options import view_options
 
 DATASET = {

@@ -20,11 +20,11 @@ from typing import TextIO
 
 import click
 
+from ibdata._system import processes
+from ibdata._system.signals import STOPPING
 from ibdata.cli._options import Suggesting
 from ibdata.cli._printing import print_json, shortened
 from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, notice, printable
-from ibdata.system import processes
-from ibdata.system.signals import STOPPING
 from ibdata.version import __version__
 
 COMMANDS = {  # by what they are for; the module of each

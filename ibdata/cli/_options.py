@@ -83,7 +83,7 @@ class Place(click.Path):
         self._urls = urls
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        from ibdata.system.storage import is_url, refuse_url
+        from ibdata._system.storage import is_url, refuse_url
 
         if not self._urls:
             refuse_url(value)

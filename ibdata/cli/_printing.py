@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import click
 
+from ibdata._numerics.naming import counted, size
 from ibdata.errors import hidden, notice, printable
-from ibdata.numerics.naming import counted, size
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ibdata._numerics.naming import counted
 from ibdata.cli._options import (
     allow_code_option,
     folder_argument,
@@ -16,10 +17,9 @@ from ibdata.cli._options import (
     workers_option,
 )
 from ibdata.cli._printing import Printed, prints_result
-from ibdata.numerics.naming import counted
 
 if TYPE_CHECKING:
-    from ibdata.validation.rules import Problem
+    from ibdata.tools.rules import Problem
 
 
 def checked(problems: Sequence[Problem], fine: str, **data: Any) -> Printed:
@@ -43,8 +43,8 @@ def validate_command(folder: Path | str, quick: bool, progress: bool | None) -> 
     ibdata validate data/random
     ibdata validate data/random --quick
     """
-    from ibdata.system.storage import existing
-    from ibdata.validation.validate import validate
+    from ibdata._system.storage import existing
+    from ibdata.tools.validate import validate
 
     place = existing(folder)
     problems = validate(place, quick, progress=progress)
@@ -66,7 +66,7 @@ def repair_command(folder: Path, workers: int | None, allow_code: bool) -> Print
     ibdata repair data/random
     """
     from ibdata.dataset.dataset import Dataset
-    from ibdata.maintenance.repair import repair
+    from ibdata.tools.repair import repair
 
     repaired = repair(folder, workers, allow_code)
     root = Dataset(folder).content_root
@@ -89,8 +89,8 @@ def reproduce_command(folder: Path, episodes: int | None, allow_code: bool) -> P
     ibdata reproduce data/random
     ibdata reproduce data/random --episodes 3
     """
-    from ibdata.maintenance.reproduce import reproduce
-    from ibdata.system.storage import existing
+    from ibdata._system.storage import existing
+    from ibdata.tools.reproduce import reproduce
 
     place = existing(folder)
     count, problems = reproduce(place, episodes, allow_code)

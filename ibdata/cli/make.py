@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ibdata._numerics.naming import counted, size, within
 from ibdata.cli._options import (
     LOCAL,
     Place,
@@ -23,8 +24,7 @@ from ibdata.cli._options import (
 from ibdata.cli._printing import Printed, Result, contents, prints_result
 from ibdata.dataset.tabular import pairs
 from ibdata.errors import UsageError
-from ibdata.maintenance.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
-from ibdata.numerics.naming import counted, size, within
+from ibdata.tools.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset
@@ -203,7 +203,7 @@ def merge_command(folders: tuple[Path, ...], out: Path) -> Printed:
     \b
     ibdata merge data/random data/safe --out data/both
     """
-    from ibdata.maintenance.merge import merge
+    from ibdata.tools.merge import merge
 
     return _made(merge(folders, out))
 
@@ -290,7 +290,7 @@ def split_command(folder: Path, as_list: bool, **options: Any) -> Printed:
                 name = "name" if option == "names" else option
                 raise click.UsageError(f"--list changes nothing, but found --{name} too; give one of them")
         return _splits(Dataset(folder), {})
-    from ibdata.maintenance.split import split
+    from ibdata.tools.split import split
 
     before = {} if options["materialize"] else Dataset(folder).stored.splits
     return _splits(split(folder, **options), before)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ibdata._numerics.naming import counted, within
 from ibdata.cli._options import LOCAL, place_argument, selects, split_option
 from ibdata.cli._printing import MAX_LINES, Printed, Result, contents, prints_result
 from ibdata.dataset.tabular import Table, as_text, pairs, transposed
 from ibdata.errors import notice
-from ibdata.numerics.naming import counted, within
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset
@@ -35,7 +35,7 @@ def ls_command(folder: Path) -> Result:
     ibdata ls
     ibdata ls data/siemens-offline
     """
-    from ibdata.maintenance.listing import datasets_in
+    from ibdata.tools.listing import datasets_in
 
     return datasets_in(folder)
 
@@ -50,7 +50,7 @@ def info_command(folder: Path | str) -> Printed:
     ibdata info data/random
     """
     from ibdata.dataset.dataset import Dataset
-    from ibdata.measures import return_measures
+    from ibdata.dataset.quality import return_measures
 
     dataset = Dataset(folder)
     _name_lost_shards(dataset)
@@ -81,7 +81,7 @@ def _described(dataset: Dataset) -> str:
 
 def _scored(returns: Returns, measures: Mapping[str, float | None]) -> list[str]:
     """The first of the mean returns of each policy at each setpoint, and the measures of all returns."""
-    from ibdata.measures import MEANING
+    from ibdata.dataset.quality import MEANING
 
     rows = [[*map(dict(line).get, SHOWN)] for line in returns["results"]]
     lines = [as_text(Table([name.replace("_", " ") for name in SHOWN], rows[:MAX_LINES]))]
@@ -145,7 +145,7 @@ def stats_command(selection: Dataset, of_quality: bool) -> Result:
     ibdata stats data/random --quality --returns -250000 inf
     """
     if of_quality:
-        from ibdata.measures import quality
+        from ibdata.dataset.quality import quality
 
         measures = quality(selection)
         return Printed({"quality": measures.plain()}, measures)

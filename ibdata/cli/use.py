@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from ibdata._numerics.naming import counted
 from ibdata.cli._options import (
     LOCAL,
     YAML,
@@ -27,7 +28,6 @@ from ibdata.cli._options import (
 from ibdata.cli._printing import Printed, Result, lines, print_json, prints_result
 from ibdata.errors import printable
 from ibdata.exporters import FORMATS
-from ibdata.numerics.naming import counted
 from ibdata.plots import FORMS, PICTURES, plot
 
 VIEW = ("observe", "actions", "reward", "reward_scale", "imperfections", "cost")
@@ -76,7 +76,7 @@ def card_command(folder: Path, overwrite: bool) -> Printed:
     \b
     ibdata card data/random
     """
-    from ibdata.maintenance.card import card
+    from ibdata.tools.card import card
 
     written = card(folder, overwrite)
     files = [path.name for path in written]

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._system.storage import local
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import identity
 from ibdata.dataset.episodes import BLOCK_ROWS, Episodes, refuse_selection
@@ -36,7 +37,6 @@ from ibdata.dataset.transitions import (
 )
 from ibdata.dataset.windows import Sizes, WindowFolder, Windows, in_folder, in_memory
 from ibdata.errors import UsageError
-from ibdata.system.storage import local
 from ibdata.views.options import View, ViewOptions, view_of
 
 if TYPE_CHECKING:

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import pyarrow as pa
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.naming import counted, decimal
+from ibdata._system.storage import Storage, existing
 from ibdata.dataset.models import Statistic
 from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.dataset.selection import Limits, Numbers, Policy, Setpoint, Split, in_splits, meeting
@@ -19,8 +21,6 @@ from ibdata.dataset.splits import Splits, with_later
 from ibdata.dataset.stored import Mask, Stored
 from ibdata.dataset.tabular import ColumnStatistics, Table, as_html
 from ibdata.errors import UsageError, printable
-from ibdata.numerics.naming import counted, decimal
-from ibdata.system.storage import Storage, existing
 
 if TYPE_CHECKING:
     import pandas as pd

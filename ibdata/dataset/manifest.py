@@ -11,11 +11,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from ibdata._system.configs import shipped
+from ibdata._system.part import Part, resolved
+from ibdata._system.storage import Storage, in_data, local, reason, storage
 from ibdata.dataset.models import Manifest, parse
 from ibdata.errors import DatasetError, UsageError, nearest, printable
-from ibdata.system.configs import shipped
-from ibdata.system.part import Part, resolved
-from ibdata.system.storage import Storage, in_data, local, reason, storage
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"

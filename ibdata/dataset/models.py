@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel, ValidationError
 
+from ibdata._numerics.naming import NAME_PATTERN
+from ibdata._system.files import FileEntry
 from ibdata.errors import printable
-from ibdata.numerics.naming import NAME_PATTERN
-from ibdata.system.files import FileEntry
 
 SAFE_PATH = r"^(data|meta)/[a-z0-9][a-z0-9._-]{0,100}$"
 SHA256 = "^[0-9a-f]{64}$"

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.naming import decimal, exact
 from ibdata.dataset.models import Info
 from ibdata.dataset.splits import runs_of
 from ibdata.dataset.stored import Mask, Stored
 from ibdata.errors import UsageError, excerpt, suggestion
-from ibdata.numerics.naming import decimal, exact
 
 Ints = npt.NDArray[np.int64]
 

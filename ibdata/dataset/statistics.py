@@ -8,8 +8,8 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.compiled import compiled
 from ibdata.dataset.models import Quantile, Statistic
-from ibdata.numerics.compiled import compiled
 
 Floats = npt.NDArray[np.float64]
 Matrix = npt.NDArray[Any]  # (columns, rows), float32 or float64

@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ibdata._numerics.naming import column_format
 from ibdata.errors import printable
-from ibdata.numerics.naming import column_format
 
 if TYPE_CHECKING:
     import pandas as pd

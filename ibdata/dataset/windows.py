@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ibdata._system import files
+from ibdata._system.part import locked_part, resolved
 from ibdata.dataset.manifest import refuse_inside
 from ibdata.dataset.transitions import Transitions
 from ibdata.errors import UsageError
-from ibdata.system import files
-from ibdata.system.part import locked_part, resolved
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import exp
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.exact import exp
 
 Weights = tuple[float, float, float, float, float]
 Floats = npt.NDArray[np.float64]

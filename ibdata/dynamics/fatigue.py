@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.exact import clip, logistic
 from ibdata.dynamics.variants import Parameters
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import clip, logistic
-from ibdata.variables import AMPLIFICATION_START
+from ibdata.views.variables import AMPLIFICATION_START
 
 TOLERANCE = 0.05  # an effective value of at most this resets its μ
 AMPLIFICATION = 1.1

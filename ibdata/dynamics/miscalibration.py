@@ -6,8 +6,8 @@ so they are tabulated: the formulas of the paper's appendix, evaluated to 60 dig
 
 from __future__ import annotations
 
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import clip, pow
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.exact import clip, pow
 
 PHI_MAX = 6
 HE_MAX = 1.5

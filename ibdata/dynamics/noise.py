@@ -8,6 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.exact import exponential, normals
+from ibdata._numerics.random import Raw, uniform
 from ibdata.dynamics.fatigue import (
     ALPHA_MEAN,
     ALPHA_SD,
@@ -16,10 +19,7 @@ from ibdata.dynamics.fatigue import (
     TOLERANCE,
 )
 from ibdata.dynamics.variants import Parameters
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import exponential, normals
-from ibdata.numerics.random import Raw, uniform
-from ibdata.variables import AMPLIFICATION_START
+from ibdata.views.variables import AMPLIFICATION_START
 
 Floats = npt.NDArray[np.float64]
 

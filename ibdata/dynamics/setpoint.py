@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.exact import clip
 from ibdata.dynamics.variants import Parameters
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import clip
 
 ZERO_RATE = 0.1  # probability of the rate b = 0
 D_V = 1.0

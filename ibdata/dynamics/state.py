@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.variables import FIRST_WHOLE, ROWS, VARIABLES, of_role, rows
+from ibdata.views.variables import FIRST_WHOLE, ROWS, VARIABLES, of_role, rows
 
 Floats = npt.NDArray[np.float64]
 
@@ -26,8 +26,9 @@ UNREAD = {"fatigue", "consumption", "reward", *of_role("derived")}
 class State:
     """The Markov state of n lanes and the values derived from it: a row of one array for each variable.
 
-    `state.velocity`, and so on for every name in `ibdata.variables`, is the row (n,) of a variable, int64 for
-    whole numbers; `state.operational_cost` (n, 10) is θ[t-9] … θ[t], oldest first. `replace` changes values.
+    `state.velocity`, and so on for every name in `ibdata.views.variables`, is the row (n,) of a variable,
+    int64 for whole numbers; `state.operational_cost` (n, 10) is θ[t-9] … θ[t], oldest first. `replace`
+    changes values.
     """
 
     values: Floats  # (variables, n), in the order of `ROWS`

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.compiled import inlined
 from ibdata.dynamics.consumption import (
     consumption,
     convolved_cost,
@@ -32,8 +33,7 @@ from ibdata.dynamics.noise import NOISE_ROWS, Noise, checked_noise
 from ibdata.dynamics.setpoint import D_G, D_H, D_V, drift, steer
 from ibdata.dynamics.state import COSTS, NO_DRIFT, Floats, State, checked_state
 from ibdata.dynamics.variants import Parameters, Variant, resolve
-from ibdata.numerics.compiled import inlined
-from ibdata.variables import rows
+from ibdata.views.variables import rows
 
 P, V, G, H = rows("setpoint", "velocity", "gain", "shift")
 F, C, R = rows("fatigue", "consumption", "reward")

@@ -8,12 +8,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ibdata._numerics.random import Purpose, Raw, integers
+from ibdata._simulation.carry import begin_lanes
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Indices, Simulation
 from ibdata.errors import UsageError, excerpt
-from ibdata.numerics.random import Purpose, Raw, integers
-from ibdata.simulation.carry import begin_lanes
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
 from ibdata.environment import STEPS
 from ibdata.environment.simulation import Float32s
 from ibdata.environment.streams import refuse_negative

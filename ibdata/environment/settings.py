@@ -7,15 +7,15 @@ import math
 from functools import partial
 from typing import Any
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._simulation.episodes import World
 from ibdata.dataset.selection import checked_length
 from ibdata.dynamics import Variant
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
 from ibdata.errors import UsageError, excerpt
 from ibdata.experiment.scenario import scenario_of
-from ibdata.simulation.episodes import World
-from ibdata.variables import COST_MAX, M_MAX, M_MIN, VARIABLES, variable_of
 from ibdata.views.options import View, ViewOptions, bounds_of, view_of
+from ibdata.views.variables import COST_MAX, M_MAX, M_MIN, VARIABLES, variable_of
 
 Z_MAX = 8.21  # the normal draw is at most Φ⁻¹(1 - 2⁻⁵³) ≈ 8.2095
 

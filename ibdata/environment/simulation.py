@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.naming import counted
+from ibdata._numerics.random import Purpose, Raw
+from ibdata._simulation import kernel
+from ibdata._simulation.carry import Carry, begin_lanes
+from ibdata._simulation.episodes import Draw, hidden, observed_rows, record_rows, values_of
 from ibdata.dynamics import State, initial_state
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.dynamics.state import checked_state
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
-from ibdata.numerics.naming import counted
-from ibdata.numerics.random import Purpose, Raw
 from ibdata.policies import OBSERVATION, Needs
 from ibdata.policies.actions import Action, applied
-from ibdata.simulation import kernel
-from ibdata.simulation.carry import Carry, begin_lanes
-from ibdata.simulation.episodes import Draw, hidden, observed_rows, record_rows, values_of
-from ibdata.variables import FIRST_WHOLE, ROWS, VARIABLES, variable_of
 from ibdata.views.options import Window
 from ibdata.views.rewards import scaled
+from ibdata.views.variables import FIRST_WHOLE, ROWS, VARIABLES, variable_of
 
 Indices = npt.NDArray[np.int64]
 Float32s = npt.NDArray[np.float32]

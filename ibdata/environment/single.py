@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.random import Purpose, Raw
 from ibdata.dynamics import State
 from ibdata.environment.actions import continuous_action, discrete_action
 from ibdata.environment.replayed import Noise, Replay
@@ -16,7 +17,6 @@ from ibdata.environment.simulation import Indices, Lane
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import refuse_negative
 from ibdata.errors import UsageError
-from ibdata.numerics.random import Purpose, Raw
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.random import Purpose, Raw
 from ibdata.environment.replayed import Noise
 from ibdata.environment.simulation import Indices
 from ibdata.errors import UsageError
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.random import Purpose, Raw
 
 AHEAD = 512  # integers
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.random import Raw
 from ibdata.dataset.selection import checked_length, within
 from ibdata.dynamics import State
 from ibdata.environment import STEPS
@@ -19,7 +20,6 @@ from ibdata.environment.simulation import Float32s, Indices, Simulation
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams, refuse_negative
 from ibdata.errors import UsageError, excerpt
-from ibdata.numerics.random import Raw
 
 # After the spaces, whose module says what to install where there is no Gymnasium.
 import gymnasium as gym  # isort: skip

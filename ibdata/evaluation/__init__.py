@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._system.memory import refuse_too_much
+from ibdata._system.progress import bar
 from ibdata.errors import UsageError
 from ibdata.evaluation.baselines import Against, baselines_of
 from ibdata.evaluation.play import checked_discount, play
@@ -17,8 +19,6 @@ from ibdata.evaluation.results import Result as Result
 from ibdata.experiment.scenario import other_dynamics, scenario_of
 from ibdata.policies import Policy
 from ibdata.policies.user_object import ObjectPolicy
-from ibdata.system.memory import refuse_too_much
-from ibdata.system.progress import bar
 from ibdata.views.options import View, view_of
 
 RETURN_BYTES = 16  # least memory per episode, for two sums

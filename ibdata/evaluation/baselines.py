@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.confidence import estimate
+from ibdata._numerics.naming import exact
 from ibdata.dataset.models import JsonObject, Sha256
 from ibdata.errors import UsageError
 from ibdata.experiment.scenario import scenario_of
 from ibdata.experiment.shipped import full_name
-from ibdata.numerics.confidence import estimate
-from ibdata.numerics.naming import exact
 from ibdata.views.options import ViewOptions
 
 if TYPE_CHECKING:

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.confidence import estimate
+from ibdata._simulation.episodes import Ints
 from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.episodes import refuse_by_returns, refuse_empty
 from ibdata.dataset.tabular import Table, Tabular
@@ -20,9 +22,7 @@ from ibdata.evaluation.play import checked_discount
 from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.evaluation.states import Source
 from ibdata.experiment.code import consented_spec, refuse_changed
-from ibdata.numerics.confidence import estimate
 from ibdata.policies.user_object import UserObject
-from ibdata.simulation.episodes import Ints
 
 Floats = npt.NDArray[np.float64]
 LEAST_EFFECTIVE = 100.0  # episodes, below which the weighted estimate has a warning

@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.random import Purpose
+from ibdata._simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
+from ibdata._simulation.replay import replay
 from ibdata.errors import UsageError
 from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import PART_ROWS, episodes_of
-from ibdata.numerics.random import Purpose
 from ibdata.policies import Policy
 from ibdata.policies.actions import applied
 from ibdata.policies.distributions import Distribution
-from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
-from ibdata.simulation.replay import replay
 
 Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data

@@ -9,22 +9,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.random import stream_key
+from ibdata._simulation.carry import Carry, begin
+from ibdata._simulation.episodes import Episodes, Ints, observed_rows, record_rows, values_of
+from ibdata._simulation.unroll import LANES, Block, unroll
+from ibdata._system.progress import Advance, unseen
 from ibdata.errors import UsageError
 from ibdata.evaluation.policies import is_foreign, loaded, notes_on
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
-from ibdata.numerics.random import stream_key
 from ibdata.policies import Observed, Policy
 from ibdata.policies.actions import read_only
 from ibdata.policies.base import SETPOINT
 from ibdata.policies.scaling import setpoint_notes
 from ibdata.policies.user_object import ObjectPolicy, clipping_notes
-from ibdata.simulation.carry import Carry, begin
-from ibdata.simulation.episodes import Episodes, Ints, observed_rows, record_rows, values_of
-from ibdata.simulation.unroll import LANES, Block, unroll
-from ibdata.system.progress import Advance, unseen
-from ibdata.variables import variable_of
 from ibdata.views.options import OBSERVED, PLAIN, ViewOptions, Window
 from ibdata.views.rewards import COSTS
+from ibdata.views.variables import variable_of
 
 Floats = npt.NDArray[np.float64]
 

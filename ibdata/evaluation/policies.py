@@ -12,10 +12,10 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from ibdata._numerics.naming import unequal
 from ibdata.errors import ConfigError, UsageError, notice, suggestion
 from ibdata.experiment.messages import refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.numerics.naming import unequal
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
 from ibdata.policies.adapter import EXPECTED, can_act, has_needs
 from ibdata.policies.base import refuse_density

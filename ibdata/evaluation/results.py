@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.confidence import estimate
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.evaluation.baselines import Comparison
 from ibdata.evaluation.play import Played
-from ibdata.numerics.confidence import estimate
 
 if TYPE_CHECKING:
     import pandas as pd
 from collections.abc import Iterator
 
+from ibdata._numerics.naming import exact
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED, ZERO
-from ibdata.numerics.naming import exact
 from ibdata.policies import POLICIES, Policy
 
 Floats = npt.NDArray[np.float64]

@@ -10,7 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.random import Purpose, Raw, integers, stream_key
+from ibdata._simulation.carry import Carry, begin_lanes
+from ibdata._simulation.episodes import Episodes, Float32s, Ints, World, observed_rows, record_rows, values_of
+from ibdata._simulation.unroll import LANES, unroll
+from ibdata._system.memory import refuse_too_much
 from ibdata.dataset.dataset import whole_dataset
 from ibdata.dynamics import State
 from ibdata.dynamics.state import checked_state
@@ -19,13 +24,8 @@ from ibdata.evaluation.play import rewarded, rewards_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment.rollout import episodes_of
 from ibdata.experiment.scenario import form_digest, scenario_of
-from ibdata.numerics.random import Purpose, Raw, integers, stream_key
 from ibdata.policies.actions import clip_and_round
 from ibdata.policies.baselines import Constant
-from ibdata.simulation.carry import Carry, begin_lanes
-from ibdata.simulation.episodes import Episodes, Float32s, Ints, World, observed_rows, record_rows, values_of
-from ibdata.simulation.unroll import LANES, unroll
-from ibdata.system.memory import refuse_too_much
 from ibdata.views.options import View, ViewOptions, Window, view_of
 from ibdata.views.rewards import scaled
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
 from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.selection import whole
 from ibdata.dataset.tabular import Table, Tabular

@@ -7,7 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._simulation.carry import Carry, begin
+from ibdata._simulation.episodes import Float32s, Ints, Table
+from ibdata._simulation.unroll import unroll
 from ibdata.dataset.dataset import Place, whole_dataset
 from ibdata.dataset.selection import whole, within
 from ibdata.dataset.stored import Stored
@@ -17,12 +20,9 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.rollout import PART_ROWS, episodes_of, write_columns
+from ibdata.generation.finish import refuse_other_plan
 from ibdata.policies import Policy
 from ibdata.policies.baselines import Constant
-from ibdata.simulation.carry import Carry, begin
-from ibdata.simulation.episodes import Float32s, Ints, Table
-from ibdata.simulation.unroll import unroll
-from ibdata.writing.finish import refuse_other_plan
 
 
 class Addresses:

@@ -8,7 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.confidence import estimate
+from ibdata._numerics.random import Raw, stream_key
+from ibdata._simulation.carry import Carry
+from ibdata._simulation.episodes import Episodes, Float32s, Ints, record_rows
+from ibdata._simulation.unroll import LANES, unroll
+from ibdata._system.memory import refuse_too_much
 from ibdata.dataset.dataset import Place, whole_dataset
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
@@ -17,14 +23,8 @@ from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import form_digest, scenario_of
-from ibdata.numerics.confidence import estimate
-from ibdata.numerics.random import Raw, stream_key
 from ibdata.policies import Policy
 from ibdata.policies.actions import clip_and_round
-from ibdata.simulation.carry import Carry
-from ibdata.simulation.episodes import Episodes, Float32s, Ints, record_rows
-from ibdata.simulation.unroll import LANES, unroll
-from ibdata.system.memory import refuse_too_much
 
 
 def branches_at(

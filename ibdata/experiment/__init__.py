@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from ruamel.yaml import YAML
 
-from ibdata.arguments import native, public
+from ibdata._numerics.arguments import native, public
 from ibdata.errors import ConfigError, Loc, UsageError
 from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem, refusals

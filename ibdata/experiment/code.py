@@ -14,14 +14,14 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from ibdata._system import processes
+from ibdata._system.files import file_sha256
 from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies.code import file_of, is_installed, refuse_within_itself, two_places
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
-from ibdata.system import processes
-from ibdata.system.files import file_sha256
 
 OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._simulation.episodes import hidden, record_rows
 from ibdata.experiment import Experiment
 from ibdata.policies import OBSERVATION
-from ibdata.simulation.episodes import hidden, record_rows
-from ibdata.variables import VARIABLES, of_role
+from ibdata.views.variables import VARIABLES, of_role
 
 
 class Column(NamedTuple):

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from ibdata._numerics.naming import NAME_PATTERN, exact
 from ibdata.errors import excerpt, suggestion
-from ibdata.numerics.naming import NAME_PATTERN, exact
 from ibdata.policies.base import FrozenModel
 
 LICENCE = "CC-BY-4.0"  # the licence where an experiment names none

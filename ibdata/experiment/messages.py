@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from ibdata._numerics.naming import NAME_PATTERN
 from ibdata.errors import ConfigError, Loc, Problems, meant, suggestion
 from ibdata.experiment.fields import LICENCE, LICENCE_PATTERN, SHARE_PATTERN
-from ibdata.numerics.naming import NAME_PATTERN
 from ibdata.policies import POLICIES
 from ibdata.policies.user_object import TARGET, TARGET_MEANT
 from ibdata.policies.weights_file import SHA256

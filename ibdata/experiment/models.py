@@ -15,7 +15,8 @@ from pydantic import (
     model_validator,
 )
 
-from ibdata.arguments import native
+from ibdata._numerics.arguments import native
+from ibdata._numerics.naming import counted, exact, unequal
 from ibdata.dynamics import Variant
 from ibdata.errors import Loc, Problems, meant
 from ibdata.experiment.fields import (
@@ -34,7 +35,6 @@ from ibdata.experiment.fields import (
 )
 from ibdata.experiment.messages import refusals
 from ibdata.experiment.scenario import Cell, Dynamics, Scenario
-from ibdata.numerics.naming import counted, exact, unequal
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.network import Network

@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ibdata._numerics.random import Purpose, stream_key
+from ibdata._simulation import kernel
+from ibdata._simulation.carry import begin
+from ibdata._simulation.episodes import Episodes, Float32s, Floats, Ints, Table, draw_uniforms
+from ibdata._simulation.replay import replay
+from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
-from ibdata.numerics.random import Purpose, stream_key
 from ibdata.policies.compound import PolicyMixture
 from ibdata.policies.distributions import Distribution
-from ibdata.simulation import kernel
-from ibdata.simulation.carry import begin
-from ibdata.simulation.episodes import Episodes, Float32s, Floats, Ints, Table, draw_uniforms
-from ibdata.simulation.replay import replay
-from ibdata.simulation.unroll import LANES, Block, unroll
 
 LEAST_LANES = 64
 # Rows of a table. One table is encoded while the next is filled.

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import AfterValidator, Field, Tag, create_model, field_validator
 
-from ibdata.arguments import native
+from ibdata._numerics.arguments import native
+from ibdata._simulation.episodes import World
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
 from ibdata.dynamics.variants import VariantError
 from ibdata.experiment.fields import (
@@ -32,7 +33,6 @@ from ibdata.policies import Policy
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.expert import Expert
 from ibdata.policies.user_object import ObjectPolicy
-from ibdata.simulation.episodes import World
 
 
 class ReplacedFields(FrozenModel):

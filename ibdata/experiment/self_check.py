@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ibdata._simulation.carry import begin
+from ibdata._simulation.unroll import unroll
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.rollout import episodes_of
-from ibdata.simulation.carry import begin
-from ibdata.simulation.unroll import unroll
-from ibdata.variables import ROWS
+from ibdata.views.variables import ROWS
 
 KNOWN: dict[str, Any] = {"name": "known", "policies": [{"kind": "random"}], "episodes": 16, "steps": 32}
 MOVING = {**KNOWN, "dynamics": "siemens", "setpoints": {"drifting": [1, 35, 70, 99]}, "start": "uniform"}

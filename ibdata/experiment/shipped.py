@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ibdata._numerics.naming import counted
+from ibdata._system.configs import root
+from ibdata._system.configs import shipped as shipped
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, suggestion
-from ibdata.numerics.naming import counted
-from ibdata.system.configs import root
-from ibdata.system.configs import shipped as shipped
 
 MODELINE = "# yaml-language-server:"
 

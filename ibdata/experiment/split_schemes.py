@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
+from ibdata._numerics.naming import counted, exact
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import EpisodeRange, Split
-from ibdata.numerics.naming import counted, exact
 
 Splits = dict[str, Split]
 FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}

@@ -6,10 +6,10 @@ import os
 
 from pydantic import TypeAdapter, ValidationError
 
+from ibdata._numerics.naming import yaml_name
+from ibdata._system.storage import local
 from ibdata.errors import IbdataError, UsageError
 from ibdata.experiment.fields import FileName
-from ibdata.numerics.naming import yaml_name
-from ibdata.system.storage import local
 
 TEXT = """\
 # An experiment of ibdata, which determines the contents of a dataset.

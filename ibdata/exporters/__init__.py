@@ -17,9 +17,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.naming import counted, within
 from ibdata.dataset.tabular import pairs
-from ibdata.numerics.naming import counted, within
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Place
@@ -93,12 +93,12 @@ def export(
         BusyError: Another process exports to this path.
         IbdataError: The system refuses to write.
     """
+    from ibdata._system.storage import local
     from ibdata.dataset.dataset import opened
     from ibdata.dataset.selection import checked_length
     from ibdata.errors import UsageError, meant
     from ibdata.exporters._source import Source
     from ibdata.exporters._target import whole
-    from ibdata.system.storage import local
     from ibdata.views.options import view_of
 
     out = local(out)

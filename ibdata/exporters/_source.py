@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata._numerics.naming import decimal
+from ibdata._system.progress import bar
 from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.digest import identity
 from ibdata.dataset.episodes import BLOCK_ROWS, refuse_empty
 from ibdata.dataset.transitions import arrays_of, left_out, needed, whole_episodes
 from ibdata.errors import UsageError
-from ibdata.numerics.naming import decimal
-from ibdata.system.progress import bar
 from ibdata.views.options import ACTIONS, PLAIN, ViewOptions
 
 Array = npt.NDArray[Any]

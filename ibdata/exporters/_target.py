@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._system import files, signals
+from ibdata._system.part import locked_part, resolved
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError, missing
-from ibdata.system import files, signals
-from ibdata.system.part import locked_part, resolved
 
 HEAD = 8  # bytes
 CSV = b'"episode","step"'

@@ -18,11 +18,11 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ibdata._numerics.naming import exact
 from ibdata.dataset.statistics import Matrix, Moments, RowStatistics
 from ibdata.exporters._source import PARQUET, Array, Arrays, Block, Source, vectors
-from ibdata.numerics.naming import exact
+from ibdata.generation.metadata import as_json
 from ibdata.views.options import ACTIONS
-from ibdata.writing.metadata import as_json
 
 COSTS = True  # it has a place for them
 FPS = 1  # frames per second; a step of the benchmark has no duration

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ibdata._numerics.naming import counted, exact
 from ibdata.errors import UsageError
 from ibdata.exporters._source import Arrays, Block, Source, write_npz
-from ibdata.numerics.naming import counted, exact
 
 HISTORY = 30
 MAX_ROWS = 2**24  # float32 does not have all whole numbers above it

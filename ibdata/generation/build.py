@@ -17,20 +17,20 @@ from functools import partial
 from itertools import count
 from pathlib import Path
 
+from ibdata._numerics.naming import counted
+from ibdata._system.files import keep_access, part_of, paths_in, remove, rename, sync_all
+from ibdata._system.part import RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
+from ibdata._system.signals import ignore
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, notice
 from ibdata.experiment import as_yaml
 from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
+from ibdata.generation.finish import finish
 from ibdata.generation.record import Record
-from ibdata.numerics.naming import counted
+from ibdata.generation.shard import DATASET, WrittenShard, all_written, has_size, is_whole, read_receipt
 from ibdata.policies.user_object import ObjectPolicy
-from ibdata.system.files import keep_access, part_of, paths_in, remove, rename, sync_all
-from ibdata.system.part import RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
-from ibdata.system.signals import ignore
-from ibdata.writing.finish import finish
-from ibdata.writing.shard import DATASET, WrittenShard, all_written, has_size, is_whole, read_receipt
 
 
 class Build:

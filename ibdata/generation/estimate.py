@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.naming import counted, size
 from ibdata.dataset.tabular import Table, Tabular, pairs
 from ibdata.experiment import KEYS, Config, Overrides, load_all
 from ibdata.experiment.code import require_consent
@@ -19,7 +20,6 @@ from ibdata.experiment.shipped import is_suite
 from ibdata.generation.build import Build
 from ibdata.generation.generate import places_of
 from ibdata.generation.upload import refuse_overwrite
-from ibdata.numerics.naming import counted, size
 
 COMPRESSED = (
     0.65  # of the bytes of the numbers; for random and safe actions, much less for actions that repeat

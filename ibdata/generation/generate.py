@@ -13,7 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._numerics.naming import counted
+from ibdata._system.part import existing_paths, resolved
+from ibdata._system.progress import Progress
+from ibdata._system.storage import Remote, is_url, local, refuse_url, url_of
 from ibdata.dataset.dataset import Dataset
 from ibdata.errors import UsageError, notice
 from ibdata.experiment import KEYS, Config, Overrides, load_all
@@ -24,12 +28,8 @@ from ibdata.generation import upload
 from ibdata.generation.build import Build, refuse_damage, refuse_name, size_in
 from ibdata.generation.process import Process, process_for
 from ibdata.generation.record import observe
+from ibdata.generation.shard import is_whole
 from ibdata.generation.workers import Engine, select_engine
-from ibdata.numerics.naming import counted
-from ibdata.system.part import existing_paths, resolved
-from ibdata.system.progress import Progress
-from ibdata.system.storage import Remote, is_url, local, refuse_url, url_of
-from ibdata.writing.shard import is_whole
 
 MAX_PARTS = 100_000
 

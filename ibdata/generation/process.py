@@ -19,13 +19,13 @@ from tempfile import TemporaryDirectory
 from traceback import format_exc
 from typing import Any, NamedTuple, Protocol
 
+from ibdata._system import processes
+from ibdata._system.pipes import Connection, start
+from ibdata._system.signals import held, leave_to_parent
 from ibdata.errors import IbdataError, notice
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Acting, is_fresh
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
-from ibdata.system import processes
-from ibdata.system.pipes import Connection, start
-from ibdata.system.signals import held, leave_to_parent
 
 # The path of modules comes from the parent. Before it is set, nothing is imported, because `python -c` looks
 # in the current folder before all others.

@@ -13,15 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
+from ibdata._system import processes
+from ibdata._system.progress import unseen
+from ibdata._system.signals import STOPPING, check
 from ibdata.errors import IbdataError, missing
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.process import Here, Process, WorkerTask
 from ibdata.generation.record import agree
 from ibdata.generation.workers import make_shard
 from ibdata.policies.user_object import UserObject
-from ibdata.system import processes
-from ibdata.system.progress import unseen
-from ibdata.system.signals import STOPPING, check
 
 MAX_DEATHS = 3  # of workers, at one shard
 POLL = 0.2  # seconds between checks for a signal

@@ -13,6 +13,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from ibdata._system.files import read_sealed, sealed, write
+from ibdata._system.part import NOTE
+from ibdata._system.signals import check
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, parse
 from ibdata.dataset.statistics import moments
@@ -22,11 +25,8 @@ from ibdata.experiment.code import changed, names_of, record
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import rollout
 from ibdata.experiment.scenario import other_dynamics
+from ibdata.generation.metadata import as_json
 from ibdata.policies.user_object import LIVE, ObjectPolicy, UserObject, refuse_shared
-from ibdata.system.files import read_sealed, sealed, write
-from ibdata.system.part import NOTE
-from ibdata.system.signals import check
-from ibdata.writing.metadata import as_json
 
 STEPS, SETPOINTS = 100, 32  # at most, that users' objects play before a run
 

@@ -11,16 +11,16 @@ import shutil
 from contextlib import suppress
 from pathlib import Path
 
+from ibdata._system.cache_folders import cache_folders
+from ibdata._system.files import is_litter
+from ibdata._system.part import locked_part
+from ibdata._system.signals import check
+from ibdata._system.storage import Remote, Storage, reason
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.build import Build, refuse_damage, refuse_name, refuse_other
-from ibdata.system.cache_folders import cache_folders
-from ibdata.system.files import is_litter
-from ibdata.system.part import locked_part
-from ibdata.system.signals import check
-from ibdata.system.storage import Remote, Storage, reason
 
 
 def work_folder(url: str, experiment: Experiment) -> Path:

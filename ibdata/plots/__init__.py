@@ -9,9 +9,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._system.storage import local
 from ibdata.errors import IbdataError, UsageError, meant
-from ibdata.system.storage import local
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset, Place
@@ -94,9 +94,9 @@ def plot(
         ImportError: matplotlib is not installed.
         IbdataError: a file cannot be written.
     """
+    from ibdata._system.files import write
     from ibdata.dataset.dataset import opened
     from ibdata.dataset.manifest import refuse_inside
-    from ibdata.system.files import write
 
     if form not in FORMS:
         raise UsageError(f"form: found {form!r}{meant(form, FORMS)}")
@@ -120,9 +120,9 @@ def plot(
 
 def drawn(dataset: Dataset, form: str = "png", progress: bool | None = False) -> dict[str, bytes]:
     """The pictures of a dataset by name. Raises DatasetError and ImportError as `plot` does."""
+    from ibdata._system.progress import bar
     from ibdata.plots.style import DATASET_DPI, image
     from ibdata.plots.summary import Summary
-    from ibdata.system.progress import bar
 
     pictures = import_module("ibdata.plots.pictures")  # after the style, which says what to install
     images, names = {}, _of(dataset)

@@ -11,7 +11,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from ibdata.numerics.naming import counted
+from ibdata._numerics.naming import counted
 from ibdata.plots.episode import VARIABLES, draw_episode
 from ibdata.plots.style import GREYS, SERIES, WIDTH, Floats, Numbers, count_bar, count_image, legend_above
 from ibdata.plots.summary import ACTION_EDGES, COSTS, PAIRS, STEERINGS, Summary

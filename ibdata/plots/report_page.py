@@ -7,14 +7,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
+from ibdata._numerics.naming import counted
 from ibdata.dataset.dataset import Dataset
+from ibdata.dataset.quality import Quality
 from ibdata.dataset.tabular import Tabular, column_texts
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.measures import Quality
-from ibdata.numerics.naming import counted
+from ibdata.generation.card import ABOUT, facts
 from ibdata.plots import PICTURES
-from ibdata.writing.card import ABOUT, facts
 
 MOST = 100  # rows of a table, and experiments
 # The browser loads nothing, whatever the texts of a dataset contain.

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._system.progress import bar
 from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.models import Quantile
 from ibdata.errors import DatasetError
 from ibdata.plots.style import SERIES, Floats, Numbers
-from ibdata.system.progress import bar
 from ibdata.views.options import ACTIONS
 
 MOST_SETPOINTS = 12

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.numerics.compiled import compiled
+from ibdata._numerics.compiled import compiled
 
 # A discrete action changes velocity, gain and shift by -1, 0 or 1 each, in the order of the class `IBGym` of
 # `industrial-benchmark-python` 2.0.

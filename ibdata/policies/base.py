@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from ibdata.numerics.naming import NAME_PATTERN
+from ibdata._numerics.naming import NAME_PATTERN
 from ibdata.policies.distributions import Distribution
 
 if TYPE_CHECKING:

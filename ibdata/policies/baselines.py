@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.random import standard_normal
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.random import standard_normal
 from ibdata.policies.base import (
     FATIGUE,
     GAIN,

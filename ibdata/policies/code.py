@@ -22,8 +22,8 @@ from types import ModuleType
 
 import numba
 
+from ibdata._system import processes
 from ibdata.errors import UsageError, printable
-from ibdata.system import processes
 
 Places = tuple[Path, ...]  # folders in which code is looked for
 PRIVATE = "_ibdata_code_"  # begins the names of modules made of files

@@ -17,7 +17,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from pydantic_core.core_schema import no_info_before_validator_function
 
-from ibdata.numerics.naming import unequal
+from ibdata._numerics.naming import unequal
 from ibdata.policies.actions import applied
 from ibdata.policies.adapter import can_act
 from ibdata.policies.base import (

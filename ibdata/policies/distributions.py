@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.numerics.compiled import compiled, inlined
-from ibdata.numerics.exact import LOG_SQRT_2PI, log, log_cdf
-from ibdata.numerics.random import standard_normal
+from ibdata._numerics.compiled import compiled, inlined
+from ibdata._numerics.exact import LOG_SQRT_2PI, log, log_cdf
+from ibdata._numerics.random import standard_normal
 from ibdata.policies.actions import applied
 
 Float32s = npt.NDArray[np.float32]

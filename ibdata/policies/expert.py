@@ -10,6 +10,8 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.exact import clip
 from ibdata.dynamics.fatigue import (
     TOLERANCE,
     basic_fatigue,
@@ -20,8 +22,6 @@ from ibdata.dynamics.fatigue import (
 from ibdata.dynamics.miscalibration import PHI_MAX, RHO_S, SAFE_ZONE, effective_shift, sgn, update_direction
 from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.dynamics.variants import VARIANTS, Parameters
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import clip
 from ibdata.policies.base import (
     FATIGUE,
     GAIN,
@@ -36,7 +36,7 @@ from ibdata.policies.base import (
     Observed,
     Steps,
 )
-from ibdata.variables import AMPLIFICATION_START
+from ibdata.views.variables import AMPLIFICATION_START
 
 FILE = Path(__file__).with_name("expert.json")  # made by studies/expert
 # Columns of a table: the setpoint, the velocity to aim at, and the best gains at velocities 0, 5 … 100.

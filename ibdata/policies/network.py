@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.exact import LOG_SQRT_2PI, exp, log, log_cdf, tanh
+from ibdata._numerics.random import standard_normal
 from ibdata.errors import Problems
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import LOG_SQRT_2PI, exp, log, log_cdf, tanh
-from ibdata.numerics.random import standard_normal
 from ibdata.policies.actions import applied
 from ibdata.policies.base import Decision, Deterministic, Needs, Observed
 from ibdata.policies.compound import Unnamed, Wrapper

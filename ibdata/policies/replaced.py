@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.exact import exp, log
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.exact import exp, log
 from ibdata.policies.actions import applied
 from ibdata.policies.distributions import Bools, Certain, Distribution, Float32s, Floats, log_uniform
 

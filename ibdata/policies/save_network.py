@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
+from ibdata._system.files import write
+from ibdata._system.part import refusals
 from ibdata.errors import UsageError, notice
 from ibdata.policies.base import SETPOINT
 from ibdata.policies.libraries import environment_note, evaluating, lacks_environment
 from ibdata.policies.scaling import far_notes, scaling_of
 from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, written
-from ibdata.system.files import write
-from ibdata.system.part import refusals
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
 DRAWN_BEFORE_TANH = ("SAC", "CQL", "CalQL")  # algorithms of d3rlpy

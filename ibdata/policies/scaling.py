@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ibdata.numerics.naming import exact
+from ibdata._numerics.naming import exact
 from ibdata.policies.base import OBSERVATION, SETPOINT, Policy
 from ibdata.policies.checked import EPISODES, histories, played
 from ibdata.policies.libraries import owner_of

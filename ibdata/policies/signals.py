@@ -8,8 +8,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from ibdata.numerics.compiled import compiled
-from ibdata.numerics.random import standard_normal
+from ibdata._numerics.compiled import compiled
+from ibdata._numerics.random import standard_normal
 from ibdata.policies.base import Decision, Deterministic, Floats, Needs, Observed
 from ibdata.policies.baselines import Constant
 from ibdata.policies.compound import AnyPolicy, DeterministicBase, DrawsNothing, Probability, Unnamed, Wrapper

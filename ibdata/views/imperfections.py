@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
 from ibdata.errors import UsageError
-from ibdata.variables import variable_of
+from ibdata.views.variables import variable_of
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
@@ -135,7 +135,7 @@ class Measurement:
         if not self._random:
             return np.zeros(1), np.ones(1)
         # Imported here, because other views need nothing compiled.
-        from ibdata.numerics.random import Purpose, integers, normals_of, slots, stream_key, uniforms
+        from ibdata._numerics.random import Purpose, integers, normals_of, slots, stream_key, uniforms
 
         out = np.empty((2, times * len(numbers), len(self.delay)))
         for stream, places in self._streams.items():

@@ -10,11 +10,11 @@ from typing import Annotated, Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.arguments import public
+from ibdata._numerics.arguments import public
 from ibdata.errors import UsageError, suggestion
-from ibdata.variables import VARIABLES, of_role, variable_of
 from ibdata.views.imperfections import NONE, Imperfections, Measurement, imperfections_of
 from ibdata.views.rewards import CLASSIC, Cost, Reward, cost_of, reward_of
+from ibdata.views.variables import VARIABLES, of_role, variable_of
 
 ACTIONS = ("act_velocity", "act_gain", "act_shift")
 OBSERVED = tuple(f"obs_{name}" for name in of_role("observation"))

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, suggestion
-from ibdata.variables import AMPLIFICATION_START
+from ibdata.views.variables import AMPLIFICATION_START
 
 Float32s = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]

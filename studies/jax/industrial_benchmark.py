@@ -112,7 +112,9 @@ def step_with_noise(state: State, action, z: Noise, k: Parameters) -> State:
     delta, psi, phi = next_direction(state.domain, state.response, state.direction, he)
     c_hat = expected_consumption(convolved_cost(theta, k), penalty(phi, he), k)
     c = consumption(c_hat, z.normal_consumption, k)
-    return State(p, v, g, h, f, c, -c - 3.0 * f, theta, delta, psi, phi, mu_v, mu_g, b, left)  # reward: Eq. (5)
+    return State(
+        p, v, g, h, f, c, -c - 3.0 * f, theta, delta, psi, phi, mu_v, mu_g, b, left
+    )  # reward: Eq. (5)
 
 
 def drift(p, b, left, z: Noise, k: Parameters):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ibdata.dynamics import SIEMENS
 from ibdata.dynamics.consumption import FATIGUE_WEIGHT, PENALTY_WEIGHT, operational_cost
 from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, SKY
-from ibdata.variables import AMPLIFICATION_START
+from ibdata.views.variables import AMPLIFICATION_START
 from paper.episodes import Columns, episodes
 
 SEED = 161  # μᵍ runs away at t = 82 and α changes at the cap of μ, at 96; in the paper at 90 and 100

@@ -12,7 +12,7 @@ import pandas as pd
 import ibdata
 from ibdata.dataset.reference_returns import scale
 from ibdata.evaluation.baselines import BEHAVIOUR, Baseline, Evaluated
-from ibdata.numerics.confidence import estimate
+from ibdata._numerics.confidence import estimate
 from measuring.documents import DOCS, table, write_measured
 from training.protocol import LITERATURE
 from training.selection import rank_correlation

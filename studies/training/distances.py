@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.dynamics import Noise, State, initial_state, step
-from ibdata.numerics.exact import exponential, normal
+from ibdata._numerics.exact import exponential, normal
 
 STATES, DRAWS, SEED = 2000, 64, 0
 LONGEST = 200

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.evaluation.baselines import BEHAVIOUR, NOTHING, Baseline, ModelErrors
-from ibdata.numerics.confidence import Estimate, estimate
+from ibdata._numerics.confidence import Estimate, estimate
 
 Floats = npt.NDArray[np.float64]
 Settings = dict[str, Any]

@@ -27,7 +27,7 @@ CHOSEN = {"split": "target", "setpoint": 70.0, "policy": ["random", "calm"], "ep
           "returns": [-math.inf, 3.0]}  # fmt: skip
 SELECT = "ibdata.dataset.dataset.Dataset.select"
 TABLE: list[tuple[str, str, dict[str, Any]]] = [
-    ("card $D --overwrite", "ibdata.maintenance.card.card", {"folder": DATA, "overwrite": True}),
+    ("card $D --overwrite", "ibdata.tools.card.card", {"folder": DATA, "overwrite": True}),
     (f"config validate random {CHANGES}", "ibdata.experiment.load_all", {"config": "random", **LOADED}),
     (f"config show random {CHANGES}", "ibdata.experiment.load", {"config": "random", **LOADED}),
     (
@@ -87,8 +87,8 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ),
     ("info $D", "ibdata.dataset.dataset.Dataset.__init__", {"path": DATA}),
     ("init mine.yaml", "ibdata.experiment.template.write_template", {"file": "mine.yaml"}),
-    ("ls o", "ibdata.maintenance.listing.datasets_in", {"folder": "o"}),
-    ("merge a b c --out o", "ibdata.maintenance.merge.merge", {"folders": ("a", "b", "c"), "out": "o"}),
+    ("ls o", "ibdata.tools.listing.datasets_in", {"folder": "o"}),
+    ("merge a b c --out o", "ibdata.tools.merge.merge", {"folders": ("a", "b", "c"), "out": "o"}),
     (
         "plot $D --out o --format svg --overwrite --quiet",
         "ibdata.cli.use.plot",
@@ -96,29 +96,29 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
     ),
     (
         "repair $D --workers 3 --allow-code",
-        "ibdata.maintenance.repair.repair",
+        "ibdata.tools.repair.repair",
         {"folder": DATA, **PREVIEWED},
     ),
     (
         "reproduce $D --episodes 3 --allow-code",
-        "ibdata.maintenance.reproduce.reproduce",
+        "ibdata.tools.reproduce.reproduce",
         {"folder": DATA, "episodes": 3, "allow_code": True},
     ),
     (
         "split $D --by setpoint --scheme distance --source 1 --source 2 --target 3 --shots 4 --transitions 5"
         " --within 6 --fractions .5,.5 --prefix p --name a=b --name c=d --remove e --remove f"
         " --materialize o",
-        "ibdata.maintenance.split.split",
+        "ibdata.tools.split.split",
         {"folder": DATA, "by": "setpoint", "scheme": "distance", "source": (1.0, 2.0), "target": (3.0,),
          "shots": 4, "transitions": 5, "within": 6.0, "fractions": [0.5, 0.5], "prefix": "p",
          "names": {"a": "b", "c": "d"}, "remove": ("e", "f"), "materialize": "o"},
     ),
     ("split $D --list", "ibdata.dataset.dataset.Dataset.splits", {}),
     ("stats $D", "ibdata.dataset.dataset.Dataset.statistics", {}),
-    ("stats $D --quality", "ibdata.measures.quality", {"ds": DATA}),
+    ("stats $D --quality", "ibdata.dataset.quality.quality", {"ds": DATA}),
     (
         "validate $D --quick --quiet",
-        "ibdata.validation.validate.validate",
+        "ibdata.tools.validate.validate",
         {"folder": DATA, "quick": True, "progress": False},
     ),
 ]  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 from helpers.datasets import PLAIN
 from helpers.folders import seal
 
-from ibdata.writing.metadata import as_json
+from ibdata.generation.metadata import as_json
 
 EVIL = "\x1b]0;x\x07\x1b[2Jvalid\r\x9b31m\u202edilav\u2066\x7f\nforged: line"
 RAW = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")

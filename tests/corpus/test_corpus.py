@@ -28,8 +28,8 @@ from typing import NamedTuple
 
 import pytest
 
+from ibdata._system.signals import STOPPING
 from ibdata.cli import main
-from ibdata.system.signals import STOPPING
 
 pytestmark = pytest.mark.corpus
 

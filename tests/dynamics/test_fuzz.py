@@ -8,9 +8,9 @@ from helpers import tape, tries
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ibdata._numerics.exact import exponential, normal
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
-from ibdata.numerics.exact import exponential, normal
-from ibdata.variables import ROWS, VARIABLES
+from ibdata.views.variables import ROWS, VARIABLES
 
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 LANES = 24

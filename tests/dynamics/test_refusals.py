@@ -8,7 +8,7 @@ from helpers import tape
 
 from ibdata.dynamics import Noise, State, initial_state, step
 from ibdata.dynamics.state import FIELDS
-from ibdata.variables import rows
+from ibdata.views.variables import rows
 
 INTEGERS = {"domain", "response", "direction", "drift_left"}
 NAN, INF = np.nan, np.inf

@@ -16,7 +16,7 @@ import ibdata
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
 from ibdata.dynamics.consumption import operational_cost
 from ibdata.dynamics.state import FIELDS
-from ibdata.variables import of_role
+from ibdata.views.variables import of_role
 
 STEPS, LANES = 120, 48
 variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ibdata._numerics.random import Purpose
 from ibdata.environment.streams import AHEAD, Streams
-from ibdata.numerics.random import Purpose
 
 
 def test_a_lane_takes_the_integers_of_its_generator_in_order_however_the_others_take_theirs():

@@ -11,10 +11,10 @@ from helpers.evaluating import NUDGE, returns
 from helpers.policies import Watching
 
 from ibdata import evaluate
+from ibdata._numerics.random import Purpose
 from ibdata.dynamics import SIEMENS, initial_state
 from ibdata.evaluation.play import _digests
 from ibdata.experiment import Experiment
-from ibdata.numerics.random import Purpose
 
 pytestmark = pytest.mark.portable
 
@@ -70,7 +70,7 @@ def test_nothing_but_the_address_matters(monkeypatch):
     """More episodes, steps, setpoints, policies, and more lanes than a block holds."""
     few = returns("random", [10.0, 70.0])
     with monkeypatch.context() as patch:
-        patch.setattr("ibdata.simulation.unroll.BLOCK", 7)
+        patch.setattr("ibdata._simulation.unroll.BLOCK", 7)
         np.testing.assert_array_equal(returns("random", [10.0, 70.0]), few)
     np.testing.assert_array_equal(returns("random", [70.0])[0], few[1])
     np.testing.assert_array_equal(returns("random", [70.0], episodes=300)[0, :4], few[1])

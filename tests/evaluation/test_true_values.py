@@ -12,8 +12,8 @@ from helpers import by_hand
 from helpers.policies import proposed
 
 from ibdata import state_at, true_values
+from ibdata._numerics.random import Purpose
 from ibdata.errors import ConfigError, UsageError
-from ibdata.numerics.random import Purpose
 from ibdata.policies import POLICIES, Decision, Needs, Policy
 
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}

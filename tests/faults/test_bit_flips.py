@@ -5,7 +5,7 @@ from itertools import product
 
 import pytest
 
-from ibdata.validation.validate import validate
+from ibdata.tools.validate import validate
 
 pytestmark = pytest.mark.faults
 

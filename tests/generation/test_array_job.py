@@ -11,6 +11,8 @@ from helpers.folders import contents, is_right, part_of, run_of
 
 import ibdata
 from ibdata import IbdataError
+from ibdata._system import part as parts
+from ibdata._system.part import Part
 from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import self_check
@@ -18,9 +20,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import workers
 from ibdata.generation.build import Build
 from ibdata.generation.generate import PartMade, Range
-from ibdata.maintenance.listing import datasets_in
-from ibdata.system import part as parts
-from ibdata.system.part import Part
+from ibdata.tools.listing import datasets_in
 
 SHARDS = DatasetSpec.of(TEN).shards
 

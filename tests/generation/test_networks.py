@@ -8,10 +8,10 @@ import pytest
 from helpers import networks
 
 import ibdata
+from ibdata._system.files import file_sha256
+from ibdata._system.part import Part
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError
-from ibdata.system.files import file_sha256
-from ibdata.system.part import Part
 
 YAML = """
 name: learned

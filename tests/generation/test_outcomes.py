@@ -8,11 +8,11 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right, receipts, run_of
 
 import ibdata
+from ibdata._system.part import Part
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError
 from ibdata.experiment import self_check
 from ibdata.generation import workers
-from ibdata.system.part import Part
 
 OTHER = TINY.model_copy(update={"seed": 1})
 

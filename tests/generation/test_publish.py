@@ -13,11 +13,11 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import is_right
 
 import ibdata
+from ibdata._system import part
+from ibdata._system.files import read_sealed, sealed, write
+from ibdata._system.part import locked_part
 from ibdata.cli import main
 from ibdata.errors import UsageError
-from ibdata.system import part
-from ibdata.system.files import read_sealed, sealed, write
-from ibdata.system.part import locked_part
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -46,8 +46,8 @@ def test_mode_and_group_are_kept():
 KILLED = f"""
 import os
 import ibdata
-from ibdata.system import part
-from ibdata.system.part import locked_part
+from ibdata._system import part
+from ibdata._system.part import locked_part
 
 def rename(path, target, real=part.rename):
     real(path, target)

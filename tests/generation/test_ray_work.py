@@ -12,7 +12,7 @@ def test_another_run_at_the_same_place_is_another_run(tmp_path, monkeypatch):
     seeds = []
     monkeypatch.setattr(ray, "agree", lambda spec, root: None)
     monkeypatch.setattr(ray, "make_shard", lambda spec, *rest: seeds.append(spec.experiments[0].seed))
-    monkeypatch.setattr("ibdata.system.processes.purpose", "test")
+    monkeypatch.setattr("ibdata._system.processes.purpose", "test")
     for seed in (1, 2, 2):
         plain = {"name": "x", "setpoints": 70, "policies": ["random"], "steps": 2, "seed": seed}
         spec = DatasetSpec.of(load(plain))

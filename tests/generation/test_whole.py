@@ -12,9 +12,9 @@ import ibdata
 from ibdata import IbdataError
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.generation import shard as shard_writing
 from ibdata.generation import workers
 from ibdata.generation.record import Record
-from ibdata.writing import shard as shard_writing
 
 
 def unreadable(monkeypatch):

@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ibdata._numerics.exact import exponential, normal
+from ibdata._numerics.random import Purpose, integers, stream_key, uniform, uniforms
+from ibdata._simulation.carry import burn_in_steps
 from ibdata.dynamics import Noise, State, step
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.experiment.fields import BurnIn
 from ibdata.experiment.rollout import rollout
-from ibdata.numerics.exact import exponential, normal
-from ibdata.numerics.random import Purpose, integers, stream_key, uniform, uniforms
-from ibdata.simulation.carry import burn_in_steps
 
 
 def experiment_of(dataset):

@@ -16,7 +16,7 @@ import pytest
 
 import ibdata
 from ibdata import Dataset, Experiment
-from ibdata.writing.columns import STATISTICS
+from ibdata.generation.pieces import STATISTICS
 
 # Options of `pyarrow.parquet.write_table` with which a footer is as in a file of ibdata's.
 AS_WRITTEN: dict[str, Any] = {"write_statistics": list(STATISTICS), "use_dictionary": ["policy"]}

@@ -9,9 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from ibdata._system.part import Part
 from ibdata.dataset import manifest
-from ibdata.system.part import Part
-from ibdata.writing.metadata import as_json
+from ibdata.generation.metadata import as_json
 
 Json = dict[str, Any]
 

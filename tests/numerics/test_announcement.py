@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ibdata.numerics import compiled
-from ibdata.system.cache_folders import CacheFolders
+from ibdata._numerics import compiled
+from ibdata._system.cache_folders import CacheFolders
 
 ONCE = "ibdata: compiling the simulator; this happens once and takes about 10 seconds\n"
 

@@ -72,12 +72,12 @@ def test_other_code_is_compiled(code, copy):
 
 def test_a_number_of_another_module_counts(tmp_path, copy):
     """A constant is compiled in, so its module counts too."""
-    script = "from ibdata.numerics.exact import log; print(log(2.0) > 0)"
+    script = "from ibdata._numerics.exact import log; print(log(2.0) > 0)"
     assert run(script, package=copy, IBDATA_CACHE_DIR=tmp_path / "c") == ("True", True)
     users = [p for p in (copy / "ibdata/dynamics").glob("*.py") if "numerics.exact import" in p.read_text()]
     name = f"ibdata.dynamics.{users[0].stem}"
-    look = f"import {name}; from ibdata.numerics.compiled import _hash; print(_hash('{name}'))"
+    look = f"import {name}; from ibdata._numerics.compiled import _hash; print(_hash('{name}'))"
     before = run(look, package=copy)
-    with (copy / "ibdata/numerics/exact.py").open("a") as file:
+    with (copy / "ibdata/_numerics/exact.py").open("a") as file:
         file.write("\nONE_MORE = 7.0\n")
     assert run(look, package=copy) != before

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ibdata.numerics.confidence import estimate, t_quantile
+from ibdata._numerics.confidence import estimate, t_quantile
 
 # Two-sided 95 % points of Student's t, from printed tables.
 TABLE = {1: 12.706, 2: 4.303, 3: 3.182, 4: 2.776, 5: 2.571, 10: 2.228, 30: 2.042, 60: 2.000, 120: 1.980}

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from ibdata.numerics.exact import exp, exponential, log, logistic, normal, pow, tanh
+from ibdata._numerics.exact import exp, exponential, log, logistic, normal, pow, tanh
 from ibdata.policies.signals import TWO_PI, cosine
 
 mp = mpmath.mp.clone()
@@ -92,7 +92,7 @@ def test_the_extreme_uniforms_give_finite_variates(u):
     assert exponential(u) == pytest.approx(36.7368005696771 if u < 0.5 else 2.0**-53, rel=1e-14)
 
 
-# From python -c "from ibdata.numerics.exact import exp; print(exp(-1.0).hex())", and so on, at 157c922 with
+# From python -c "from ibdata._numerics.exact import exp; print(exp(-1.0).hex())", and so on, at 157c922 with
 # numba 0.68.1 and numpy 2.4.6; with NUMBA_DISABLE_JIT=1 the bits were the same.
 GOLDEN = [
     ((exp, -1.0), "0x1.78b56362cef38p-2"),

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
+from ibdata._numerics.naming import exact, yaml_name
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import SplitName
 from ibdata.experiment.split_schemes import leave_one_out
-from ibdata.numerics.naming import exact, yaml_name
 
 SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)
 WORDS = [

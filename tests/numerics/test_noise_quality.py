@@ -20,12 +20,12 @@ from helpers import FULL
 from scipy import stats
 
 from ibdata import Experiment
+from ibdata._numerics.random import Purpose, integers, stream_key
 from ibdata.dynamics import SIEMENS, Noise
 from ibdata.dynamics.fatigue import ALPHA_MEAN, ALPHA_SD, TOLERANCE, bernoulli, squashed_exponential
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, standard_noise
 from ibdata.experiment.rollout import rollout
-from ibdata.numerics.random import Purpose, integers, stream_key
-from ibdata.variables import AMPLIFICATION_START
+from ibdata.views.variables import AMPLIFICATION_START
 
 MILLION = 1_000_000
 SETPOINTS, STEPS = tuple(range(10, 101, 10)), 1000

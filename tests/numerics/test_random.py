@@ -2,7 +2,7 @@
 
 The golden numbers were printed by
 
-    python -c "import hashlib; from ibdata.numerics.random import *;
+    python -c "import hashlib; from ibdata._numerics.random import *;
     key = stream_key(7, hashlib.sha256(b'golden').digest());
     print([hex(x) for x in key.tolist()]);
     print([hex(x) for x in integers(key[None], np.array([3]), Purpose.POLICY, 5, 1, 8)[0, :, 0].tolist()])"
@@ -20,9 +20,9 @@ from helpers import tries
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ibdata._numerics import exact
+from ibdata._numerics.random import Purpose, Word, integers, philox, stream_key, uniform
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, NOISE_ROWS, Noise, drift_noise, standard_noise
-from ibdata.numerics import exact
-from ibdata.numerics.random import Purpose, Word, integers, philox, stream_key, uniform
 
 examples = tries(200)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.policies import BASE, proposed
 
-from ibdata.numerics.exact import log_cdf
+from ibdata._numerics.exact import log_cdf
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
 

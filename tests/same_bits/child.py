@@ -27,11 +27,11 @@ from numpy._core import _multiarray_umath as umath
 from ruamel.yaml import YAML
 
 import ibdata
+from ibdata._simulation import unroll
+from ibdata._system.part import RECEIPTS, Part
 from ibdata.experiment import Experiment, rollout, self_check
 from ibdata.generation import process, workers
-from ibdata.simulation import unroll
-from ibdata.system.part import RECEIPTS, Part
-from ibdata.writing.shard import DATASET
+from ibdata.generation.shard import DATASET
 
 HERE = Path(__file__).resolve().parent
 BEGIN = """\

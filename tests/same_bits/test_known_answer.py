@@ -37,9 +37,9 @@ COMPILE = 'numba.njit(nogil=True, error_model="numpy", **options)'
 FUSED = "numba.njit(fastmath={'contract'}, **options)"
 # What another machine might do, as a change of the package: file, old text, new text.
 CHANGES = {
-    "fused multiply-add": ("numerics/compiled.py", COMPILE, FUSED),
+    "fused multiply-add": ("_numerics/compiled.py", COMPILE, FUSED),
     "exp of the C library": (
-        "numerics/exact.py",
+        "_numerics/exact.py",
         "    k = np.rint(x",
         "    return math.exp(x)\n    k = np.rint(x",
     ),

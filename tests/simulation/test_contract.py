@@ -7,10 +7,10 @@ from typing import ClassVar, Literal
 import numpy as np
 import pytest
 
+from ibdata._numerics.random import Purpose, integers, stream_key
 from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
-from ibdata.numerics.random import Purpose, integers, stream_key
 from ibdata.policies import Decision, Distribution, Needs, Policy
 
 STEPS = 13
@@ -91,7 +91,7 @@ def played(experiment, first=0, stop=8):
 def questions(monkeypatch):
     """The experiment, its columns, and what the policy was given, by field (8 episodes, steps, …)."""
     monkeypatch.setattr("ibdata.experiment.rollout.LANES", 3)
-    monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", 4)
+    monkeypatch.setattr("ibdata._simulation.unroll.BLOCK", 4)
     monkeypatch.setattr(Recalling, "given", [])
     experiment = described(Recalling())
     made = played(experiment)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers.policies import action_of, log_density_of
 
+from ibdata._numerics.exact import exponential, normal
 from ibdata.dynamics import Noise, initial_state, step
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
-from ibdata.numerics.exact import exponential, normal
 
 DYNAMICS, DRIFT, POLICY, START, BURN_IN_DYNAMICS, BURN_IN_DRIFT, BURN_IN_POLICY = range(7)
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import ibdata
+from ibdata._simulation.carry import begin
+from ibdata._simulation.episodes import record_rows
+from ibdata._simulation.unroll import unroll
 from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import episodes_of, rollout
 from ibdata.policies import Decision, Distribution, Policy
-from ibdata.simulation.carry import begin
-from ibdata.simulation.episodes import record_rows
-from ibdata.simulation.unroll import unroll
 
 STEPS = 30
 
@@ -83,7 +83,7 @@ def test_an_error_of_several_steps_names_its_own(monkeypatch):
         wrong = (np.arange(8)[:, None] == 1 * 2 + 1) & (next(calls) == 1)
         return Decision(np.where(wrong, np.nan, given.draws), given.memory)
 
-    monkeypatch.setattr("ibdata.simulation.unroll.BLOCK", 4)
+    monkeypatch.setattr("ibdata._simulation.unroll.BLOCK", 4)
     monkeypatch.setattr("ibdata.policies.baselines.Random.decide", decide)
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 5: found action \[nan nan nan\]"):
         rollout(ibdata.load("random", ["steps=8"]), 0, 2)

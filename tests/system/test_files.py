@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from ibdata.system.cache_folders import cache_folders
-from ibdata.system.files import write
+from ibdata._system.cache_folders import cache_folders
+from ibdata._system.files import write
 
 
 @pytest.mark.parametrize(("module", "failing"), [(os, "fsync"), (Path, "replace")])

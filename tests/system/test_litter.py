@@ -10,8 +10,8 @@ import pytest
 from helpers.folders import contents, litter
 
 import ibdata
-from ibdata.maintenance.listing import datasets_in
-from ibdata.system.files import paths_in
+from ibdata._system.files import paths_in
+from ibdata.tools.listing import datasets_in
 
 
 @pytest.fixture

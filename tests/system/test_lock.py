@@ -15,10 +15,10 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents
 
 import ibdata
+from ibdata._system import part as parts
+from ibdata._system.part import locked_part
 from ibdata.errors import BusyError, IbdataError
-from ibdata.maintenance.card import card
-from ibdata.system import part as parts
-from ibdata.system.part import locked_part
+from ibdata.tools.card import card
 
 OTHER = TINY.model_copy(update={"seed": 1})
 WRITERS = {

@@ -12,8 +12,8 @@ from helpers.folders import contents
 import ibdata
 from ibdata.errors import DatasetError
 from ibdata.experiment.template import write_template
-from ibdata.maintenance.listing import datasets_in
-from ibdata.report import card
+from ibdata.tools.card import card
+from ibdata.tools.listing import datasets_in
 
 READS = {
     "rows": lambda ds: len(ds.table()),

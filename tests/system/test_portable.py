@@ -15,9 +15,9 @@ from ruamel.yaml import YAML
 from same_bits.child import HERE, experiments
 
 import ibdata
+from ibdata._system.lock import locked
+from ibdata._system.part import resolved
 from ibdata.errors import BusyError, IbdataError, UsageError
-from ibdata.system.lock import locked
-from ibdata.system.part import resolved
 
 pytestmark = pytest.mark.portable
 OTHER = TINY.model_copy(update={"seed": 1})
@@ -87,7 +87,7 @@ def test_a_lock_is_held_by_one_process_or_shared():
     other = f"""
 from pathlib import Path
 from ibdata.errors import BusyError
-from ibdata.system.lock import locked
+from ibdata._system.lock import locked
 for shared in (True, False):
     try:
         with locked(Path({str(path)!r}), shared=shared):

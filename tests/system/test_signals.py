@@ -4,8 +4,8 @@ import signal
 
 import pytest
 
+from ibdata._system.signals import STOPPING, check, held, stoppable
 from ibdata.errors import IbdataError, Interrupted
-from ibdata.system.signals import STOPPING, check, held, stoppable
 
 
 def arrive(number):

@@ -9,11 +9,11 @@ from helpers.datasets import four_shards_at
 from helpers.folders import contents
 
 import ibdata
+from ibdata._system.part import locked_part
+from ibdata._system.storage import Remote
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, IbdataError, Interrupted, UsageError
 from ibdata.generation import upload
-from ibdata.system.part import locked_part
-from ibdata.system.storage import Remote
 
 FILES = 12  # of the dataset
 PUT = Remote.put

@@ -17,13 +17,13 @@ from pyarrow.fs import FileSystem
 
 import ibdata
 import ibdata.plots
+from ibdata._system import storage
+from ibdata._system.storage import is_url
 from ibdata.cli import cli
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment.template import write_template
-from ibdata.maintenance.card import card
-from ibdata.maintenance.listing import datasets_in
-from ibdata.system import storage
-from ibdata.system.storage import is_url
+from ibdata.tools.card import card
+from ibdata.tools.listing import datasets_in
 
 READERS = ("info", "head", "stats", "validate")
 PLACES = dict.fromkeys(["s3://a/b", "memory://x", "file:///x", "S3://a/b", "abfs+x://y"], True)

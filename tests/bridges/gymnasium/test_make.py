@@ -7,7 +7,7 @@ import pytest
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.maintenance import make as room
+from ibdata.tools import make as room
 
 
 @pytest.fixture(autouse=True)

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 import ibdata
+from ibdata._simulation.episodes import hidden
 from ibdata.environment import IndustrialBenchmarkEnv, IndustrialBenchmarkVectorEnv
 from ibdata.policies import OBSERVATION
-from ibdata.simulation.episodes import hidden
 
 pytestmark = pytest.mark.portable
 

@@ -14,8 +14,8 @@ from helpers.pages import blocks
 from moto.server import ThreadedMotoServer
 
 import ibdata
+from ibdata._system.storage import Remote
 from ibdata.errors import DatasetError
-from ibdata.system.storage import Remote
 
 NUMBERS = itertools.count()
 

@@ -1,0 +1,256 @@
+"""The part of an output: the hidden folder `.NAME.part` beside its place, in which it is made.
+
+A part belongs to the process that holds the lock in it. What was made in it appears at its place by one
+rename. Each run that makes a dataset has a folder of its own in it, with a note, receipts and the dataset.
+The part stays after a process that failed only if a run has receipts, with which the next one can go on.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import json
+import os
+import re
+import secrets
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from ibdata._system.files import part_of, paths_in, read_sealed, remove, rename, sync_folder
+from ibdata._system.lock import Lock, locked
+from ibdata._system.signals import stoppable
+from ibdata.errors import IbdataError, UsageError, is_thread_limit, notice
+
+LOCK, NOTE, RECEIPTS, OLD = "ibdata.lock", "run.json", "receipts", "old"
+RUN = re.compile("[0-9a-f]{16}")  # the name of a run's folder
+PATIENCE = (
+    10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
+)
+# Windows takes these names for those of devices, or leaves the end of a name away.
+WINDOWS_NAMES = re.compile(
+    r'(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?|.*[ .]|.*[<>:"|?*\0-\x1f].*', re.I | re.S
+)
+AT_FDCWD, RENAME_EXCHANGE, RENAME_SWAP = -100, 2, 2  # of renameat2 and renamex_np
+
+
+def exchanged(a: Path, b: Path) -> bool:
+    """Let two folders change places in one system call; False where there is none that can.
+
+    The call is Linux's renameat2, or macOS's renamex_np, which has not been tried on macOS.
+    """
+    if sys.platform == "win32":
+        return False
+    library, names = ctypes.CDLL(None, use_errno=True), (os.fsencode(a), os.fsencode(b))
+    if hasattr(library, "renameat2"):
+        failed = library.renameat2(AT_FDCWD, names[0], AT_FDCWD, names[1], RENAME_EXCHANGE)
+    elif hasattr(library, "renamex_np"):
+        failed = library.renamex_np(*names, RENAME_SWAP)
+    else:
+        return False
+    if not failed:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.ENOSYS, errno.EINVAL, errno.ENOTSUP):
+        return False
+    raise OSError(number, os.strerror(number), str(b))
+
+
+class Part:
+    """The part of an output, as far as it exists.
+
+    Attributes:
+        target: The place of the output, without links.
+        folder: The hidden folder beside it.
+    """
+
+    def __init__(self, target: Path) -> None:
+        self.target = target
+        self.folder = part_of(target)
+        self.lock: Lock  # while this process holds the part
+
+    @property
+    def runs(self) -> list[Path]:
+        """The folders of the runs in it; the one that was worked on last stands last."""
+        runs = [path for path in existing_paths(self.folder) if RUN.fullmatch(path.name)]
+        return sorted(runs, key=_last_change)
+
+    @property
+    def receipts(self) -> list[Path]:
+        """The receipts of what is finished in it."""
+        return [receipt for run in self.runs for receipt in existing_paths(run / RECEIPTS)]
+
+    @property
+    def progress(self) -> tuple[int, int] | None:
+        """How many shards of the last run are finished, and how many it has; None if there is no run."""
+        with suppress(OSError):  # not ours to read, or no name that the system knows
+            for run in reversed(self.runs):
+                with suppress(OSError):
+                    note = json.loads(read_sealed(run / NOTE))
+                    return len(existing_paths(run / RECEIPTS)), note["shards"]
+        return None
+
+    @property
+    def is_own(self) -> bool:
+        """Whether its place is free or empty, or has ibdata's lock, which is removed after all else."""
+        if self.folder.is_symlink() or self.folder.is_file():
+            return False
+        names = [path.name for path in existing_paths(self.folder)]
+        return not names or LOCK in names
+
+    def place(self, dataset: Path, replace: bool = False) -> None:
+        """Give what was made in the part its name. Whatever had the name is in the part afterwards.
+
+        A file or folder that is replaced changes places with the new one in one system call, if there is one.
+        """
+        is_folder = self.target.is_dir()
+        is_taken = self.target.is_file() or (is_folder and any(self.target.iterdir()))
+        is_littered = is_folder and not existing_paths(self.target)  # with what macOS leaves
+        if not (is_taken and (replace or is_littered)):
+            if sys.platform == "win32":  # where no folder takes the place of an empty one
+                with suppress(OSError):
+                    self.target.rmdir()
+            rename(dataset, self.target)  # which fails where somebody has put files meanwhile
+        elif not exchanged(dataset, self.target):
+            remove(self.folder / OLD)
+            rename(self.target, self.folder / OLD)  # readers find nothing for a moment
+            rename(dataset, self.target)
+            rename(self.folder / OLD, self.folder / f"tmp-{secrets.token_hex(8)}")
+        sync_folder(self.target.parent)
+
+    def restore(self) -> None:
+        """Put back what a process that failed had moved away to replace it."""
+        if os.path.lexists(self.folder / OLD):
+            with suppress(OSError):
+                self.target.rmdir()  # an empty folder
+            if not os.path.lexists(self.target):
+                rename(self.folder / OLD, self.target)
+
+    def clear(self) -> None:
+        """Remove all that is in it but the lock; each run at once, so that nobody goes on with its rest."""
+        for run in self.runs:
+            rename(run, self.folder / f"tmp-{secrets.token_hex(8)}")
+        for path in self.folder.iterdir():
+            if path.name != LOCK:
+                remove(path)
+
+    def remove(self) -> None:
+        """Remove what is in it, the lock last, so that nobody else begins before it is empty."""
+        self.clear()
+        self.lock.remove()
+
+
+def existing_paths(folder: Path) -> list[Path]:
+    """The files and folders in a folder, in order; none if there is no such folder."""
+    try:
+        return paths_in(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+
+
+def _last_change(run: Path) -> int:
+    with suppress(FileNotFoundError):  # removed meanwhile
+        return (run / RECEIPTS).stat().st_mtime_ns if existing_paths(run / RECEIPTS) else 0
+    return 0
+
+
+def resolved(out: str | os.PathLike[str]) -> Path:
+    """The place of an output without links, which may lead to another disk."""
+    if "\0" in os.fspath(out):
+        raise UsageError(f"--out: found {os.fspath(out)!r}, expected a path without NUL")
+    path = Path(os.path.expanduser(out))
+    for name in path.parts[bool(path.anchor) :] if sys.platform == "win32" else ():
+        if name != ".." and WINDOWS_NAMES.fullmatch(name):
+            raise UsageError(
+                f"{out}: found {name!r}, which is no name of a folder in Windows; choose another"
+            )
+    return Path(os.path.realpath(path))
+
+
+@contextmanager
+def locked_part(
+    target: Path,
+    place: str | os.PathLike[str] | None = None,
+    *,
+    shared: bool = False,
+    patience: float = 0.0,
+) -> Iterator[Part]:
+    """Hold the part of an output; its folder and the folders around it are made.
+
+    Args:
+        target: The place of the output, without links.
+        place: Its name in messages; by default its path.
+        shared: Whether other hosts may hold the part too.
+        patience: How many seconds to wait while another process holds the part.
+
+    Raises:
+        BusyError: Another process holds the part.
+        Interrupted: A signal asked to stop.
+        IbdataError: The system refuses to write, or there is not enough memory.
+    """
+    name, part = os.fspath(place or target), Part(target)
+    with refusals(name), stoppable(), _made_parents(target), ExitStack() as stack:
+        part.lock = _lock(stack, part, name, shared, patience)
+        try:
+            if not shared:
+                part.restore()
+            yield part
+        finally:
+            if part.lock.take_alone():
+                part.restore()
+                if not part.receipts:
+                    try:
+                        part.remove()
+                    except OSError as error:  # Windows removes no open file
+                        notice(
+                            f"{part.folder}: cannot be removed yet: {error.strerror}; the next run removes it"
+                        )
+
+
+def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float) -> Lock:
+    if not part.is_own:
+        raise UsageError(f"{part.folder}: found what ibdata did not make, expected nothing; move it away")
+    if (part.folder / NOTE).exists():
+        raise UsageError(
+            f"{part.folder}: found an unfinished run of an older ibdata; finish it with that, or remove it"
+        )
+    wait = PATIENCE if shared else patience
+    return stack.enter_context(locked(part.folder / LOCK, wait, shared=shared, place=name))
+
+
+@contextmanager
+def refusals(place: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn errors of the operating system into one line that names the place."""
+    try:
+        yield
+    except OSError as error:
+        raise IbdataError(f"{place}: cannot be written: {error.strerror or error}") from error
+    except MemoryError:
+        raise IbdataError(
+            f"{place}: out of memory; use fewer --workers, or a smaller output.shard_rows"
+        ) from None
+    except RuntimeError as error:
+        if not is_thread_limit(error):
+            raise
+        raise IbdataError(
+            f"{place}: the system starts no more threads; use fewer --workers, or raise ulimit -u"
+        ) from error
+
+
+@contextmanager
+def _made_parents(target: Path) -> Iterator[None]:
+    """Make the folders around a place; remove its part and those that were missing, if they are empty then.
+
+    The lock is open until then, and a network's file system keeps the name of an open file.
+    """
+    missing = [folder for folder in target.parents if not folder.exists()]
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        for folder in missing:
+            sync_folder(folder.parent)
+        yield
+    finally:
+        for folder in (part_of(target), *missing):
+            with suppress(OSError):  # it was not made, or is not empty
+                folder.rmdir()

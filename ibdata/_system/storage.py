@@ -1,0 +1,291 @@
+"""The files of a dataset, in a folder or at a URL such as s3://bucket/name.
+
+At a URL, pyarrow's file systems are tried first, then fsspec's. An object store cannot rename, and a write
+that fails may leave part of an object, so a writer uploads files whole, and the manifest last.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ibdata._system.files import FileEntry, is_litter, open_regular, paths_in
+from ibdata.errors import DatasetError, IbdataError, UsageError, hidden, missing, printable
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
+BLOCK = 2**23
+
+
+class Storage:
+    """The files in a folder of this machine, by their paths in it. `Remote` is the same at a URL.
+
+    Methods raise OSError if a file cannot be read. `name` is the place as it was given, for messages; the
+    files stay those of the folder that it names now, wherever the process goes. `url` is None.
+    """
+
+    url: str | None = None
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path = local(path).absolute()
+        self.name = str(Path(path))
+
+    @property
+    def path(self) -> Path:
+        """The folder. Raises UsageError for a URL."""
+        return self._path
+
+    def where(self, path: str) -> str:
+        """The name of a file, for messages."""
+        return os.path.join(self.name, *path.split("/"))
+
+    def error(self, path: str, problem: str) -> DatasetError:
+        """The error that names a file and its problem."""
+        return DatasetError(f"{self.where(path)}: {problem}")
+
+    def open(self, path: str) -> pa.NativeFile:
+        """Open a regular file for reading anywhere in it."""
+        import pyarrow as pa
+
+        place = self._path / path
+        open_regular(place).close()  # its errors are plainer than Arrow's
+        return pa.OSFile(os.fsencode(place))
+
+    def stamp(self, path: str) -> Any:
+        """What changes with a file that is replaced; None where that is not known, as at a URL."""
+        try:
+            status = os.stat(self._path / path)
+        except OSError:
+            return None
+        return status.st_ino, status.st_size, status.st_mtime_ns
+
+    def read(self, path: str) -> bytes:
+        """Read a whole file."""
+        with self.open(path) as file:
+            data: bytes = file.read()
+            return data
+
+    def entry(self, path: str) -> FileEntry | None:
+        """The size and the hash of a file; None if it cannot be read."""
+        hasher, size = hashlib.sha256(), 0
+        try:
+            with self.open(path) as file:
+                while block := file.read(BLOCK):
+                    hasher.update(block)
+                    size += len(block)
+        except OSError:
+            return None
+        return FileEntry(path, size, hasher.hexdigest())
+
+    def names(self, folder: str) -> list[str]:
+        """The names of what is in a folder, in order. The name of a folder ends in a slash."""
+        try:
+            return [path.name + "/" * os.path.isdir(path) for path in paths_in(self._path / folder)]
+        except (FileNotFoundError, NotADirectoryError):
+            return []
+
+
+class Remote(Storage):
+    """The files at a URL. `url` may contain credentials, `name` does not.
+
+    Raises UsageError if no file system has such URLs, and ImportError if that needs another library.
+    """
+
+    url: str
+
+    def __init__(self, url: str) -> None:
+        scheme, _, rest = url.partition("://")
+        self.url = f"{scheme.lower()}://{rest}".rstrip("/")
+        self.name = hidden(self.url)
+        self._files, base = _file_system(self.url)
+        self._base = base.rstrip("/")
+        if not self._base:
+            raise UsageError(
+                f"{printable(url)}: found no name in the URL, expected one such as s3://bucket/name"
+            )
+
+    def __reduce__(self) -> tuple[type[Remote], tuple[str]]:
+        return type(self), (self.url,)
+
+    @property
+    def path(self) -> Path:
+        raise _url_refused(self.url)
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of this machine that the URL names, as file:///data/name does; None for other URLs."""
+        from pyarrow.fs import LocalFileSystem
+
+        files = getattr(getattr(self._files, "handler", None), "fs", self._files)  # fsspec's, or pyarrow's
+        local = isinstance(files, LocalFileSystem) or "file" in getattr(files, "protocol", ())
+        return Path(self._base) if local else None
+
+    def where(self, path: str) -> str:
+        return f"{self.name}/{path}"
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The names of the folders in which the files are, and of their own."""
+        return tuple(self._base.split("/"))
+
+    def open(self, path: str) -> pa.NativeFile:
+        with plain_errors():
+            return self._files.open_input_file(f"{self._base}/{path}")
+
+    def read(self, path: str) -> bytes:
+        with plain_errors():
+            return super().read(path)
+
+    def entry(self, path: str) -> FileEntry | None:
+        try:
+            with plain_errors():
+                return super().entry(path)
+        except OSError:
+            return None
+
+    def stamp(self, path: str) -> Any:
+        return None
+
+    def names(self, folder: str) -> list[str]:
+        from pyarrow.fs import FileSelector
+
+        try:
+            with plain_errors():
+                entries = self._files.get_file_info(
+                    FileSelector(f"{self._base}/{folder}", allow_not_found=True)
+                )
+        except OSError as error:
+            raise self.error(folder, f"cannot be listed: {reason(error)}") from None
+        kept = (info for info in entries if not (info.is_file and is_litter(info.base_name)))
+        return sorted(info.base_name + "/" * (not info.is_file) for info in kept)
+
+    def sizes(self) -> dict[str, int]:
+        """The bytes of every file at the URL, by its path."""
+        from pyarrow.fs import FileSelector
+
+        with plain_errors():
+            entries = self._files.get_file_info(
+                FileSelector(self._base, allow_not_found=True, recursive=True)
+            )
+        base = self._base.strip("/")
+        files = (info for info in entries if info.is_file and not is_litter(info.base_name))
+        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in files}
+
+    def put(self, source: Path, path: str) -> None:
+        """Upload a file. If that fails, part of it may be there."""
+        target = f"{self._base}/{path}"
+        with plain_errors(), source.open("rb") as file:
+            try:
+                stream = self._files.open_output_stream(target)
+            except FileNotFoundError:  # a file system with folders
+                self._files.create_dir(target.rpartition("/")[0], recursive=True)
+                stream = self._files.open_output_stream(target)
+            with stream:
+                shutil.copyfileobj(file, stream, BLOCK)
+
+
+@contextmanager
+def plain_errors() -> Iterator[None]:
+    """Turn what a plug-in for URLs raises, which may be anything, into an OSError."""
+    try:
+        yield
+    except (OSError, IbdataError, MemoryError):
+        raise
+    except Exception as error:
+        raise OSError(errno.EIO, reason(error)) from error
+
+
+def storage(place: Any) -> Storage:
+    """The files at a place: a folder, a URL, or a dataset, which has a `storage` of its own."""
+    files = getattr(place, "storage", place)
+    if isinstance(files, Storage):
+        return files
+    url = url_of(place)
+    return Storage(place) if url is None else Remote(url)
+
+
+def url_of(place: Any) -> str | None:
+    """The URL that a place is, or at which a dataset is; None for paths."""
+    if isinstance(place, str):
+        return place if URL.match(place) else None
+    files = getattr(place, "storage", place)
+    return files.url if isinstance(files, Storage) else None
+
+
+def is_url(place: Any) -> bool:
+    """Whether a place is a URL, or a dataset at one, and not a path."""
+    return url_of(place) is not None
+
+
+def local(place: Any) -> Path:
+    """The path of a place on this machine, whose ~ is the user's folder. Raises UsageError for a URL."""
+    refuse_url(place)
+    return Path(os.path.expanduser(place))
+
+
+def existing(place: Any) -> Any:
+    """A place to read, or the folder below data/ that a plain name may mean where only that exists."""
+    if not isinstance(place, str | Path) or is_url(place) or os.path.lexists(local(place)):
+        return place
+    below = in_data(place)
+    return below if below is not None and os.path.lexists(below) else place
+
+
+def in_data(name: str | Path) -> Path | None:
+    """The folder below data/ of a plain name; None for a path from the root, or one that leads upwards."""
+    return None if os.path.isabs(name) or ".." in Path(name).parts else Path("data", name)
+
+
+def refuse_url(*places: Any) -> None:
+    """Raise UsageError if one of the places is a URL."""
+    for place in places:
+        if (url := url_of(place)) is not None:
+            raise _url_refused(url)
+
+
+def _url_refused(url: str) -> UsageError:
+    return UsageError(f"{printable(hidden(url))}: found a URL, expected a path on this machine")
+
+
+def reason(error: BaseException) -> str:
+    """What an error says, in one line without credentials."""
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    line = hidden((text.splitlines() or [""])[0])  # hides credentials before the line is cut
+    return (printable(line) or type(error).__name__)[:300]
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path in it: pyarrow's, or fsspec's if pyarrow has none."""
+    from pyarrow import ArrowException, ArrowNotImplementedError
+    from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
+
+    scheme = f"{url.partition('://')[0]}://"
+    try:
+        file_system: tuple[Any, str] = FileSystem.from_uri(url)
+    except ImportError:  # for some schemes, such as hf://, pyarrow itself imports fsspec
+        pass
+    except (ArrowException, OSError) as error:
+        if not isinstance(error, ArrowNotImplementedError) and "Unrecognized filesystem" not in str(error):
+            raise UsageError(f"{printable(url)}: {reason(error)}") from None
+    else:
+        return file_system
+    try:
+        import fsspec
+    except ImportError:
+        raise missing(scheme, "fsspec", "remote") from None
+    try:
+        files, path = fsspec.core.url_to_fs(url)
+    except ImportError as error:
+        raise UsageError(f"{scheme} needs a plug-in of fsspec: {reason(error)}") from None
+    except Exception as error:  # whatever a plug-in raises
+        raise UsageError(f"{printable(url)}: {reason(error)}") from None
+    return PyFileSystem(FSSpecHandler(files)), path

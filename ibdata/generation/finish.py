@@ -1,0 +1,222 @@
+"""Finishing a dataset: write its card, its metadata and, last, the manifest.
+
+What a manifest lists must follow from its experiments; `plan_problems` checks that.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import platform
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ibdata._system.files import FileEntry, write_new
+from ibdata.dataset import manifest
+from ibdata.dataset.digest import content_root
+from ibdata.dataset.models import Code, File, Manifest, ShardEntry
+from ibdata.dataset.stored import EPISODES, INFO, STATISTICS
+from ibdata.errors import DatasetError
+from ibdata.experiment import as_yaml
+from ibdata.experiment.columns import columns
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
+from ibdata.generation import metadata
+from ibdata.generation.card import card
+from ibdata.generation.croissant import croissant
+from ibdata.generation.shard import WrittenShard, content_of
+from ibdata.policies.user_object import UserObject
+from ibdata.version import __version__
+
+NEED_CONTENT = (EPISODES, STATISTICS)
+UNSEALED = "0" * 64  # stands for the checksum until all else is known
+
+
+def finish(
+    spec: DatasetSpec,
+    written: list[WrittenShard],
+    folder: Path,
+    reproducible: bool,
+    code: Sequence[Code] = (),
+    clipped: int | None = None,
+) -> None:
+    """Write all files of a dataset other than its shards. They are on the disk once it is published.
+
+    Args:
+        spec: The experiments and splits of the dataset.
+        written: The shards that were written, in order.
+        folder: The folder of the dataset, which nobody reads yet.
+        reproducible: Whether the machine computes the same bits as all others.
+        code: The code of the custom policies.
+        clipped: The number of clipped actions; by default the sum over the shards.
+    """
+    root = root_of(spec, ((w.shard, w.content.digests) for w in written))
+    episodes = metadata.episodes_table(spec, written)
+    entries = [w.entry for w in written]
+    for path, make in metadata_files(spec, written, episodes).items():
+        entries.append(write_new(folder, path, make(), waits=False))
+    paths = [w.entry.path for w in written]
+    described = croissant(spec, paths, entries, root)
+    entries.append(write_new(folder, manifest.CROISSANT, described, waits=False))
+    write_new(folder, manifest.SPLITS, metadata.splits_file(spec), waits=False)
+    write_new(folder, manifest.CARD, card(spec, paths, root, episodes), waits=False)
+    listed = manifest.sealed(
+        Manifest(
+            format=manifest.FORMAT,
+            version=manifest.VERSION,
+            data_version=manifest.DATA_VERSION,
+            content_root=root,
+            name=spec.name,
+            experiments=[experiment.plain() for experiment in spec.experiments],
+            rows=spec.rows,
+            clipped_actions=sum(w.content.clipped for w in written) if clipped is None else clipped,
+            shards=[
+                ShardEntry(path=path, content=content_of(w.content.digests), **planned_entry(spec, w.shard))
+                for path, w in zip(paths, written, strict=True)
+            ],
+            files=[File(**entry._asdict()) for entry in entries],
+            versions=versions(),
+            reproducible="same-environment" if code and reproducible else reproducible,
+            code=list(code),
+            checksum=UNSEALED,
+        )
+    )
+    write_new(folder, manifest.PATH, metadata.as_json(listed), waits=False)
+
+
+def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
+    """The manifest's entry for a shard, without its path and its content."""
+    return {
+        "rows": spec.rows_in([shard]),
+        "experiment": shard.experiment,
+        "episodes": [shard.first + shard.offset, shard.stop + shard.offset],
+        "splits": list(shard.splits),
+    }
+
+
+def metadata_files(
+    spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
+) -> dict[str, Callable[[], bytes]]:
+    """What makes the files in `meta` that the manifest lists, by path; croissant.json describes them.
+
+    Those of NEED_CONTENT need the content of all shards; the table `episodes` is made of it by default.
+    """
+
+    def episodes_file() -> bytes:
+        out = io.BytesIO()
+        table = metadata.episodes_table(spec, written) if episodes is None else episodes
+        pq.write_table(table, out, compression="zstd", write_page_checksum=True)
+        return out.getvalue()
+
+    paths = [manifest.EXPERIMENT]
+    if len(spec.experiments) > 1:  # of a merged dataset
+        paths = [f"meta/experiment-{i:05d}.yaml" for i in range(len(spec.experiments))]
+    return {
+        INFO: lambda: metadata.as_json(metadata.info(spec)),
+        EPISODES: episodes_file,
+        STATISTICS: lambda: metadata.as_json(metadata.statistics(spec, written)),
+        **{path: partial(as_yaml, e) for path, e in zip(paths, spec.experiments, strict=True)},
+        **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
+    }
+
+
+def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry]) -> bytes:
+    """The bytes of a manifest with other entries for the same files, which this ibdata has written."""
+    files = [File(**entry._asdict()) for entry in entries.values()]
+    changed = listed.model_copy(update={"files": files, "versions": versions()})
+    return metadata.as_json(manifest.sealed(changed))
+
+
+def versions() -> dict[str, str]:
+    """The versions on which the bytes of the files may depend, but not the content."""
+    return {
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "ibdata": __version__,
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "pyarrow": pa.__version__,
+    }
+
+
+def root_of(spec: DatasetSpec, shards: Iterable[tuple[Shard, list[bytes]]]) -> str:
+    """The content root of all shards in order, each with the digests of its episodes."""
+    addresses = []
+    for shard, digests in shards:
+        experiment = spec.experiments[shard.experiment]
+        for i, digest in enumerate(digests, shard.first):
+            cell, index = divmod(i, experiment.episodes)
+            addresses.append((experiment.cells[cell].digest, index, digest))
+    return content_root(((c.name, c.dtype) for c in columns(spec.experiments[0])), addresses)
+
+
+def refuse_other_plan(spec: DatasetSpec, listed: Manifest) -> None:
+    """Raise DatasetError if what a manifest lists does not follow from its experiments."""
+    for rule, message in plan_problems(spec, listed):
+        raise DatasetError(f"{manifest.PATH}: {rule}: {message}; see ibdata validate")
+
+
+def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, str]]:
+    """The rules that a manifest breaks, each with what was found and expected."""
+    shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
+    expected_shards = [planned_entry(spec, shard) for shard in spec.shards]
+    files = {*(file.path for file in listed.files), manifest.CROISSANT}
+    expected_files = {*(s.path for s in listed.shards), *metadata_files(spec, []), manifest.CROISSANT}
+    targets = list(dict.fromkeys(code.target for code in listed.code))
+    for rule, found, expected in (
+        ("experiments", {"shards": shards}, {"shards": expected_shards}),
+        ("rows", listed.rows, spec.rows),
+        ("files", sorted(files), sorted(expected_files)),
+        ("code", targets, list(dict.fromkeys(policy.code_target for policy in spec.policies_of(UserObject)))),
+    ):
+        if message := first_difference(found, expected):
+            yield rule, message
+    if listed.clipped_actions > listed.rows:
+        yield "counts", f"clipped_actions: found {listed.clipped_actions}, expected at most one per row"
+    if listed.code and listed.reproducible is True:
+        yield "code", 'reproducible: found true, expected "same-environment" or false for custom policies'
+
+
+def first_difference(found: Any, expected: Any, *keys: object, tolerance: float = 1e-9) -> str | None:
+    """Describe the first difference of data, which are at `keys`, but for rounding; None if there is none.
+
+    A description may be said in other words, and versions of numpy choose other quantiles.
+
+    >>> first_difference({"a": [1, 2]}, {"a": [1, 3]})
+    'a.1: found 2, expected 3'
+    """
+    if found == expected and type(found) is type(expected):
+        return None
+    pairs: Iterable[tuple[object, Any, Any]] = ()
+    if isinstance(found, dict) and isinstance(expected, dict):
+        names = (name for name in {**expected, **found} if name != "description")
+        pairs = [(name, found.get(name), expected.get(name)) for name in names]
+    elif isinstance(found, list) and isinstance(expected, list) and len(found) == len(expected):
+        pairs = zip(range(len(found)), found, expected, strict=True)
+    elif not _is_near(found, expected, tolerance):
+        where = f"{'.'.join(map(str, keys))}: " if keys else ""
+        return f"{where}found {_shown(found)}, expected {_shown(expected)}"
+    for key, a, b in pairs:
+        if key == "quantiles":
+            tolerance = 0.01 * ((expected["max"] or 0.0) - (expected["min"] or 0.0))
+        if inner := first_difference(a, b, *keys, key, tolerance=tolerance):
+            return inner
+    return None
+
+
+def _is_near(x: Any, y: Any, tolerance: float) -> bool:
+    are_floats = isinstance(x, float) and isinstance(y, float)
+    return are_floats and math.isclose(x, y, rel_tol=1e-9, abs_tol=tolerance)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bytes):
+        return f"{value.hex()[:12]}…"
+    return f"{len(value)} values" if isinstance(value, list) else json.dumps(value)[:60]

@@ -1,0 +1,227 @@
+"""Writing a shard: its file, a summary of its rows, and in the part of a run its receipt.
+
+A run goes on from the receipts of the shards that are finished, and makes the metadata from them. A receipt
+holds the entry of the shard's file and the summary: arrays, one after the other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import secrets
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow.parquet as pq
+
+from ibdata._simulation.episodes import Table
+from ibdata._system.files import FileEntry, file_sha256, new_file, read_sealed, rename, sealed, write_new
+from ibdata._system.part import RECEIPTS
+from ibdata._system.signals import held
+from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
+from ibdata.errors import IbdataError
+from ibdata.experiment.columns import columns, layout
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard
+from ibdata.generation.pieces import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
+
+DATASET = "dataset"  # the folder of a run that holds the dataset
+WAITING = 2  # pieces that may be in progress
+MOST = 8  # numbers of shards in a message
+
+
+class ShardSummary(NamedTuple):
+    """A summary of a shard's content, which does not depend on its file."""
+
+    digests: list[bytes]  # of the episodes
+    returns: Floats  # of the episodes, undiscounted
+    moments: Moments  # of the float columns
+    sample: Table  # of the float columns, for quantiles
+    clipped: int
+
+
+class WrittenShard(NamedTuple):
+    """A shard, its file and a summary of its content."""
+
+    shard: Shard
+    entry: FileEntry
+    content: ShardSummary
+
+
+class ShardSummarizer:
+    """Summarizes a shard whose pieces are added in order."""
+
+    def __init__(self, spec: DatasetSpec, shard: Shard) -> None:
+        self.shard, self.experiment = shard, spec.experiments[shard.experiment]
+        rows = (shard.stop - shard.first) * self.experiment.steps
+        self._statistics = RowStatistics(rows, self.experiment.rows)
+        self._digests: list[bytes] = []
+        self._returns: list[Floats] = []
+        self._clipped = 0
+
+    def add(self, piece: Piece) -> Moments:
+        """Add the next episodes of the shard; return the moments of their columns."""
+        names, table, clipped = piece.floats
+        self._digests += piece.digests()
+        self._returns.append(sums(table[names.index("reward")], self.experiment.steps))
+        self._clipped += clipped
+        return self._statistics.add(table)
+
+    def summary(self) -> ShardSummary:
+        """The summary of all pieces. Raises IbdataError if a value is not finite."""
+        moments = self._statistics.moments
+        names = layout(self.experiment).names
+        finite = moments.counts == moments.rows
+        finite[names.index("action_log_prob")] = True  # a custom policy may not know its density
+        if not finite.all():
+            name = names[int(np.argmin(finite))]
+            raise IbdataError(
+                f"{self.shard.stem}: {name}: found a value that is not finite, expected finite numbers"
+            )
+        returns = np.concatenate(self._returns)
+        return ShardSummary(self._digests, returns, moments, self._statistics.sample, self._clipped)
+
+
+def content_of(digests: list[bytes]) -> str:
+    """The hex digest of a shard's content, from the digests of its episodes."""
+    return hashlib.sha256(b"".join(digests)).hexdigest()
+
+
+def write_shard(
+    spec: DatasetSpec, shard: Shard, pieces: Iterable[Piece], folder: Path, overlap: bool = True
+) -> WrittenShard:
+    """Write a shard of a dataset to a new file in its folder; an error leaves nothing behind.
+
+    The name of the file ends in random digits, so that a late reader never takes it for an older one.
+
+    Args:
+        spec: The experiments and splits of the dataset.
+        shard: The shard.
+        pieces: Its pieces, in order.
+        folder: The folder of the dataset.
+        overlap: Whether a piece is encoded and summarized in threads while the next one is made. Both release
+            Python's lock.
+
+    Raises:
+        IbdataError: A value is not finite.
+        OSError: The file could not be written.
+    """
+    path = f"{shard.stem}-{secrets.token_hex(4)}.parquet"
+    described = columns(spec.experiments[shard.experiment])
+    summarizer = ShardSummarizer(spec, shard)
+    with (
+        new_file(folder / path) as file,
+        pq.ParquetWriter(file, arrow_schema(described), **writer_options(described)) as parquet,
+    ):
+
+        def encode(piece: Piece) -> None:  # no row group holds rows of two pieces, so nothing is copied
+            parquet.write_table(piece.arrow_table(), row_group_size=ROW_GROUP_ROWS)
+
+        if overlap:
+            _in_threads(pieces, encode, summarizer.add)
+        else:
+            for piece in pieces:
+                encode(piece)
+                summarizer.add(piece)
+                del piece  # so that it is not in memory beside the next
+        summary = summarizer.summary()
+        parquet.close()
+    return WrittenShard(shard, FileEntry(path, file.size, file.sha256()), summary)
+
+
+def _in_threads(pieces: Iterable[Piece], *tasks: Callable[[Piece], object]) -> None:
+    """Do each task with every piece, in a thread for each task. At most two pieces wait in memory."""
+    waiting: deque[list[Future[object]]] = deque()
+    with ExitStack() as stack:
+        threads = [stack.enter_context(ThreadPoolExecutor(1)) for _ in tasks]
+        with held():  # a signal's exception while a thread starts would leave it running
+            for thread in threads:
+                thread.submit(int).result()
+        for piece in pieces:
+            if len(waiting) == WAITING:
+                for future in waiting.popleft():
+                    future.result()
+            waiting.append([thread.submit(task, piece) for thread, task in zip(threads, tasks, strict=True)])
+            del piece
+        for future in chain.from_iterable(waiting):
+            future.result()
+
+
+def write_receipt(root: Path, written: WrittenShard) -> None:
+    """Write the receipt of a shard, whose file is on the disk, in the folder of a run."""
+    summary = written.content
+    known = {"file": list(written.entry), "rows": summary.moments.rows, "clipped": summary.clipped}
+    arrays: list[npt.NDArray[Any]] = [
+        np.frombuffer(json.dumps(known).encode(), np.uint8),
+        np.frombuffer(b"".join(summary.digests), np.uint8).reshape(-1, 32),
+        summary.returns,
+        *summary.moments[1:],
+        summary.sample,
+    ]
+    buffer = io.BytesIO()
+    for array in arrays:
+        np.save(buffer, array)
+    path = _receipt_path(root, written.shard)
+    path.parent.mkdir(exist_ok=True)
+    temporary = root / f".tmp-{secrets.token_hex(6)}-{path.name}"  # hosts may have equal process ids
+    write_new(root, temporary.name, sealed(buffer.getvalue()))
+    rename(temporary, path)
+
+
+def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
+    """Read the receipt of a shard in the folder of a run; None if there is none that is as it was written."""
+    try:
+        file = io.BytesIO(read_sealed(_receipt_path(root, shard)))
+    except OSError:
+        return None
+    header, digests, returns, *arrays, sample = (np.load(file) for _ in range(9))
+    known = json.loads(header.tobytes())
+    if not known["file"][0].startswith(f"{shard.stem}-"):  # that of another shard
+        return None
+    moments = Moments(known["rows"], *arrays)
+    summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
+    return WrittenShard(shard, FileEntry(*known["file"]), summary)
+
+
+def _receipt_path(root: Path, shard: Shard) -> Path:
+    return root / RECEIPTS / f"{shard.number:05d}.npy"
+
+
+def is_whole(root: Path, written: WrittenShard) -> bool:
+    """Whether the file of a shard is the one that its receipt says."""
+    return file_sha256(root / DATASET / written.entry.path) == written.entry.sha256
+
+
+def has_size(root: Path, written: WrittenShard) -> bool:
+    """Whether the file of a shard has the size that its receipt says; of one that was just written."""
+    path = root / DATASET / written.entry.path
+    return path.is_file() and path.stat().st_size == written.entry.bytes
+
+
+def all_written(
+    root: Path,
+    shards: Sequence[Shard],
+    place: str | Path,
+    remedy: str,
+    is_right: Callable[[Path, WrittenShard], bool] = has_size,
+) -> list[WrittenShard]:
+    """All these shards, from their receipts in the folder of a run.
+
+    Raises IbdataError if the receipt of one cannot be read, or does not fit its file.
+    """
+    receipts = [read_receipt(root, shard) for shard in shards]
+    whole = [written for written in receipts if written is not None and is_right(root, written)]
+    if len(whole) < len(shards):
+        known = {written.shard.number for written in whole}
+        lost = [str(shard.number) for shard in shards if shard.number not in known]
+        more = f" and {len(lost) - MOST} more" if len(lost) > MOST else ""
+        count = f"{len(lost)} of {len(shards)} shards are missing or damaged"
+        raise IbdataError(f"{place}: {count}: {', '.join(lost[:MOST])}{more}; {remedy}")
+    return whole

@@ -1,1 +1,0 @@
-"""Splitting, merging, repairing, reproducing and documenting finished datasets."""

@@ -1,0 +1,1 @@
+"""What is done to finished datasets, a file each: check, repair, reproduce, split, merge, list, document."""

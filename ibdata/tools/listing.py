@@ -1,0 +1,160 @@
+"""The datasets below a folder, finished or not."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ibdata._numerics.naming import counted, exact, size
+from ibdata._system.part import RECEIPTS, Part, existing_paths
+from ibdata._system.storage import local
+from ibdata.dataset import manifest
+from ibdata.dataset.stored import Stored
+from ibdata.dataset.tabular import Table, Tabular
+from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
+from ibdata.experiment.split_schemes import setpoints
+from ibdata.generation.record import Record
+
+COLUMNS = ("dataset", "rows", "bytes", "setpoints", "policies", "content", "state")
+MOST_NAMES = 3  # of setpoints or policies that are shown
+
+
+class Listed(NamedTuple):
+    """A dataset, finished or not.
+
+    `state` is finished, "unfinished, n of m shards" or damaged. `rows` and `content_root` are None unless the
+    manifest tells them.
+    """
+
+    path: Path
+    state: str
+    name: str | None
+    rows: int | None
+    setpoints: list[float]
+    policies: list[str]
+    bytes: int
+    content_root: str | None
+
+    def plain(self) -> dict[str, Any]:
+        """The fields as plain data for JSON."""
+        return {**self._asdict(), "path": str(self.path)}
+
+
+class Listing(Tabular, list[Listed]):
+    """The datasets in a folder and below it."""
+
+    def __init__(self, folder: str, datasets: Iterable[Listed]) -> None:
+        super().__init__(datasets)
+        self.folder = folder
+
+    def plain(self) -> dict[str, Any]:
+        """The datasets as plain data for JSON."""
+        return {"datasets": [dataset.plain() for dataset in self]}
+
+    def tables(self) -> list[Table]:
+        """A row for each dataset, and their sum."""
+        if not self:
+            return [
+                Table(
+                    (),
+                    (),
+                    [f"{self.folder}: no datasets here or below; ibdata generate random.yaml makes one"],
+                )
+            ]
+        rows, data_bytes = sum(dataset.rows or 0 for dataset in self), sum(dataset.bytes for dataset in self)
+        total = f"{self.folder}: {counted(len(self), 'dataset')}, {counted(rows, 'row')}, {size(data_bytes)}"
+        return [Table(COLUMNS, list(map(_row, self)), [total])]
+
+
+def _row(dataset: Listed) -> tuple[object, ...]:
+    return (
+        str(dataset.path),
+        dataset.rows,
+        size(dataset.bytes),
+        _some([exact(setpoint) for setpoint in dataset.setpoints]),
+        _some(dataset.policies),
+        dataset.content_root[:8] if dataset.content_root else None,
+        dataset.state,
+    )
+
+
+def _some(names: Sequence[str]) -> str | None:
+    if len(names) > MOST_NAMES:
+        return f"{names[0]} … {names[-1]} ({len(names):,})"
+    return ", ".join(names) or None
+
+
+def datasets_in(folder: str | os.PathLike[str]) -> Listing:
+    """List the datasets in a folder and below it, in the order of their paths.
+
+    Links to folders are followed, hidden folders are not. No code of a dataset runs.
+
+    Args:
+        folder: The folder; it may itself be a dataset.
+
+    Raises:
+        UsageError: There is no such folder.
+    """
+    root = local(folder)
+    if not os.path.isdir(root):
+        raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")
+    return Listing(str(folder), sorted(_listed(root)))
+
+
+def _listed(root: Path) -> Iterator[Listed]:
+    """What is in a folder and below it; nothing inside a dataset is looked at."""
+    seen = {os.path.realpath(root)}  # a link may lead to a folder above it
+    for place, below, _ in os.walk(root, followlinks=True):
+        for name in below:
+            if name.startswith(".") and name.endswith(".part"):
+                part = Part(Path(place, name[1:].removesuffix(".part")))
+                for run in part.runs:
+                    yield _unfinished(part.target, run)
+        below[:] = [
+            name for name in below if not name.startswith(".") and _is_new(root, Path(place, name), seen)
+        ]
+        if os.path.isfile(os.path.join(place, manifest.PATH)):
+            below.clear()
+            yield _finished(Path(place))
+
+
+def _is_new(root: Path, folder: Path, seen: set[str]) -> bool:
+    """Whether a folder was not looked at before, and is no link to one that is found without it."""
+    real = os.path.realpath(folder)
+    if real in seen or (folder.is_symlink() and Path(real).is_relative_to(os.path.realpath(root))):
+        return False
+    seen.add(real)
+    return True
+
+
+def _finished(path: Path) -> Listed:
+    try:
+        stored = Stored.open(path)
+        listed = stored.manifest
+        total = sum(file.bytes for file in listed.files)
+        return _of(path, declared_spec(stored), "finished", listed.rows, listed.content_root, total)
+    except IbdataError:
+        return Listed(path, "damaged", None, None, [], [], _size(path), None)
+
+
+def _unfinished(target: Path, run: Path) -> Listed:
+    with suppress(DatasetError):
+        if record := Record.read(run):
+            done = len(existing_paths(run / RECEIPTS))
+            state = f"unfinished, {done} of {counted(record.shards, 'shard')}"
+            return _of(target, record.dataset_spec(), state, None, None, _size(run))
+    return Listed(target, "unfinished, damaged", None, None, [], [], _size(run), None)
+
+
+def _of(path: Path, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int) -> Listed:
+    return Listed(path, state, spec.name, rows, setpoints(spec), spec.labels, total, root)
+
+
+def _size(folder: Path) -> int:
+    """The bytes of all files in a folder and below it."""
+    places = (os.path.join(place, name) for place, _, names in os.walk(folder) for name in names)
+    return sum(os.lstat(place).st_size for place in places if os.path.lexists(place))

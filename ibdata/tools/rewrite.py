@@ -1,0 +1,115 @@
+"""Writing a dataset from the episodes of others, and labelling the episodes of a dataset."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import pyarrow as pa
+
+from ibdata._system.files import write
+from ibdata._system.part import locked_part, resolved
+from ibdata._system.signals import check
+from ibdata._system.storage import refuse_url
+from ibdata.dataset import manifest
+from ibdata.dataset.dataset import Dataset
+from ibdata.errors import BusyError, DatasetError, IbdataError
+from ibdata.experiment import Experiment
+from ibdata.experiment.columns import layout
+from ibdata.experiment.dataset_spec import DatasetSpec, Shard, spec_in
+from ibdata.generation import metadata
+from ibdata.generation.build import Build
+from ibdata.generation.finish import refuse_other_plan
+from ibdata.generation.pieces import BATCH_ROWS, Piece, stored_pieces
+from ibdata.generation.record import Record
+from ibdata.generation.shard import DATASET, write_receipt, write_shard
+
+
+class Source(NamedTuple):
+    """The source of an experiment's episodes: a dataset, and the number that the first of them has in it."""
+
+    dataset: Dataset
+    first: int
+
+
+def sources_of(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
+    """The source of each experiment of a dataset."""
+    counts = [experiment.episode_count for experiment in spec.experiments]
+    return [Source(dataset, sum(counts[:i])) for i in range(len(counts))]
+
+
+def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLike[str]) -> Dataset:
+    """Copy the episodes of each experiment of a spec from its source to a dataset in a new folder.
+
+    Raises UsageError if the folder is not new, and DatasetError if the episodes are not those that the source
+    lists.
+    """
+    refuse_url(out)
+    build = Build(out, spec, new=True)
+    build.tidy()
+    build.is_there()
+    manifests = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
+    record = Record.of(
+        spec,
+        code=[entry for one in manifests for entry in one.code],
+        reproducible=all(one.reproducible for one in manifests),
+        sources=[one.content_root for one in manifests],
+        clipped=sum(one.clipped_actions for one in manifests),
+    )
+    with build.open(record):
+        for shard in build.missing():
+            _copy(build, shard, sources[shard.experiment])
+            check()
+        build.publish()
+    return Dataset(build.name)
+
+
+def _copy(build: Build, shard: Shard, source: Source) -> None:
+    """Copy a shard's episodes from a source, check that they are those that it lists, and write a receipt."""
+    written = write_shard(build.spec, shard, _pieces(build.spec, shard, source), build.run / DATASET)
+    first, count = source.first + shard.first, shard.stop - shard.first
+    if written.content.digests != source.dataset.stored.episodes["digest"].slice(first, count).to_pylist():
+        raise _changed(source)
+    write_receipt(build.run, written)
+
+
+def _pieces(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[Piece]:
+    """Read the float columns of a shard's episodes from the files of the source that hold them."""
+    try:
+        yield from stored_pieces(spec, shard, _batches(spec.experiments[shard.experiment], shard, source))
+    except ValueError as error:
+        if isinstance(error, IbdataError):
+            raise
+        raise _changed(source) from None  # text instead of numbers
+
+
+def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[pa.RecordBatch]:
+    names, steps = layout(experiment).names, experiment.steps
+    first, stop = source.first + shard.first, source.first + shard.stop
+    for number, entry in enumerate(source.dataset.stored.manifest.shards):
+        low, high = max(first, entry.episodes[0]), min(stop, entry.episodes[1])
+        if low < high:
+            start, end = ((episode - entry.episodes[0]) * steps for episode in (low, high))
+            yield from source.dataset.stored.batches(number, names, BATCH_ROWS, start, end)
+
+
+def _changed(source: Source) -> DatasetError:
+    place = source.dataset.place
+    return DatasetError(f"{place}: found other content than it lists; see ibdata validate {place}")
+
+
+def relabel(dataset: Dataset, before: DatasetSpec, spec: DatasetSpec) -> Dataset:
+    """Write the splits of a spec into the metadata of a dataset; nothing else changes.
+
+    Raises BusyError if the dataset is being written, or it or its splits are no longer those of before.
+    """
+    refuse_url(dataset)
+    listed = dataset.stored.manifest
+    refuse_other_plan(spec, listed)
+    with locked_part(resolved(dataset.path), dataset.place):
+        dataset.stored.refuse_replaced()
+        if spec_in(dataset.stored).later != before.later:
+            raise BusyError(f"{dataset.place}: got other splits meanwhile; split it again")
+        write(dataset.path, manifest.SPLITS, metadata.splits_file(spec))
+    return Dataset(dataset)

@@ -1,1 +1,0 @@
-"""Checks of the files, metadata and rows of a finished dataset."""

@@ -1,1 +1,0 @@
-"""Writing a dataset's columns and metadata to files."""

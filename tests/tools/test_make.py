@@ -1,0 +1,176 @@
+"""Shipped sets in one line: where they are kept, and what is trained and validated on.
+
+The environments are tested where Gymnasium is installed, in tests/bridges/gymnasium/test_make.py.
+"""
+
+import shutil
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import ibdata
+from ibdata._system.lock import locked
+from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.experiment.shipped import full_name, shipped
+from ibdata.tools import make as room
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    """An empty cache, in which the canonical dataset of `random` has two short episodes at each setpoint."""
+
+    def small(name, seed=None):
+        return ibdata.load(name, {"steps": 4, "episodes": 2}, seed)
+
+    monkeypatch.setattr(room, "cache_folders", lambda: SimpleNamespace(folders=(str(tmp_path / "cache"),)))
+    monkeypatch.setattr(room, "load", small)
+    root = ibdata.generate(small("random"), tmp_path / "elsewhere").content_root
+    known = lambda name, experiment: root if experiment.seed == 0 else None  # noqa: E731
+    monkeypatch.setattr(room, "canonical_root", known)
+    monkeypatch.setattr(room, "_environment", lambda *given: "environment")
+    return tmp_path / "cache/datasets"
+
+
+def test_a_set_is_made_once_and_then_opened(cache):
+    environment, train, validation = ibdata.make("random", history=3)
+    assert environment == "environment"
+    assert (train["observations"].shape, validation["observations"].shape) == ((40, 18), (40, 18))
+    made = (cache / "random/meta/manifest.json").stat()
+    again = ibdata.make("random")
+    assert again[1]["rewards"].tolist() == train["rewards"].tolist()
+    assert (cache / "random/meta/manifest.json").stat().st_mtime_ns == made.st_mtime_ns
+    _, other, _ = ibdata.make("random", seed=1)
+    assert other["rewards"].tolist() != train["rewards"].tolist()
+    assert sorted(path.name for path in cache.glob("[!.]*")) == ["random", "random-seed-1"]
+
+
+def test_other_content_in_the_cache_is_made_again(cache):
+    ibdata.generate(ibdata.load("random", {"steps": 3}), cache / "random")
+    _, train, _ = ibdata.make("random")
+    assert len(train["rewards"]) == 40
+    ibdata.generate(ibdata.load("random", {"steps": 3}, 1), cache / "random-seed-1")
+    _, train, _ = ibdata.make("random", seed=1)
+    assert len(train["rewards"]) == 40
+
+
+def test_a_content_root_may_be_asked_for(cache, monkeypatch):
+    root = room.canonical_root("random", ibdata.load("random"))
+    with pytest.raises(UsageError, match=f"but the content root is {root}: leave @"):
+        ibdata.make("random@000000")
+    assert not cache.exists()  # nothing was made
+    ibdata.make(f"random@{root[:6]}")
+    with pytest.raises(UsageError, match="take the seed"):
+        ibdata.make(f"random@{root[:6]}", seed=1)
+    monkeypatch.setattr(room, "canonical_root", lambda name, experiment: "0" * 64)
+    with pytest.raises(DatasetError, match=f"random: found the content root {root}, expected 0000"):
+        ibdata.make("random")
+
+
+def test_the_canonical_roots_are_those_of_the_list():
+    assert room.canonical_root("random", ibdata.load("random")).startswith("566ea3f2")
+    assert room.canonical_root("random", ibdata.load("random", seed=1)) is None
+    assert full_name("name", "optimized-40", list(shipped())) == "siemens-offline/optimized-40"
+    with pytest.raises(UsageError, match=r"found 'randm'; did you mean 'random'"):
+        ibdata.make("randm")
+
+
+def test_a_process_waits_for_another_that_makes_the_set(cache, monkeypatch):
+    with ExitStack() as other:
+        other.enter_context(locked(cache / ".random.lock"))
+        with monkeypatch.context() as hasty:
+            hasty.setattr(room, "PATIENCE", 0.0)
+            with pytest.raises(BusyError, match="datasets/random: another process"):
+                ibdata.make("random")
+        assert not (cache / "random").exists()
+        of_other = other.pop_all()
+
+        def finish():
+            with of_other:
+                ibdata.generate(room.load("random"), cache / "random")
+
+        ending = threading.Timer(0.2, finish)
+        ending.start()
+        monkeypatch.setattr(room, "generate", None)  # whoever waited opens what the other one made
+        _, train, _ = ibdata.make("random")
+        ending.join()
+    assert len(train["rewards"]) == 40
+
+
+def flipped(path):
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+
+
+DAMAGES = {
+    "flipped": ("data/*.parquet", flipped),
+    "no manifest": ("meta/manifest.json", Path.unlink),
+    "no splits": ("meta/splits.json", Path.unlink),
+    "a stranger's": ("data", lambda path: (path / "x.parquet").write_text("")),
+    "a file": ("", lambda path: (shutil.rmtree(path), path.write_text(""))),
+}
+
+
+@pytest.mark.parametrize(("where", "damage"), DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_set_in_the_cache_is_made_again(cache, where, damage):
+    _, train, _ = ibdata.make("random")
+    damage(next(cache.glob(f"random/{where}".rstrip("/"))))
+    _, again, _ = ibdata.make("random")
+    assert np.array_equal(again["observations"], train["observations"])
+    assert ibdata.validate(cache / "random") == []
+
+
+def test_a_line_says_at_which_setpoints_the_rows_are(cache, capsys):
+    ibdata.make("random")
+    line = "ibdata: random: trains at 10 … 100, validates at 10 … 100; setpoint= is the environment's alone"
+    assert line in capsys.readouterr().err
+
+
+def test_the_declared_test_episodes_of_a_shipped_set_are_never_used(tmp_path):
+    """Of `transfer`, 10 and 2 episodes are for training; of `depeweg`, 7 at each setpoint."""
+    for name, train, validation in (("transfer", 10, 2), ("depeweg", 60, 10)):
+        dataset = ibdata.generate(ibdata.load(name, {"steps": 2}), tmp_path / name)
+        parts = room.train_and_validation(dataset)
+        assert [int(part.inside.sum()) for part in parts] == [train, validation]
+        assert not any((part.inside & dataset.select("test").inside).any() for part in parts)
+        points = [np.unique(part.episode_table["setpoint"]).tolist() for part in parts]
+        assert points[0] == points[1] == np.unique(dataset.episodes["setpoint"]).tolist()
+
+
+@pytest.mark.parametrize(
+    ("changes", "train", "validation"),
+    [
+        ({"setpoints": [20.0, 70.0], "episodes": 3}, [0, 1, 3, 4], [2, 5]),
+        ({"setpoints": [20.0, 70.0], "episodes": 1}, [0], [1]),
+        ({"setpoints": [20.0, 70.0], "episodes": 1, "policies": ["random", "safe"]}, [0, 1], [2, 3]),
+        ({"episodes": 2, "policies": ["random", "safe"]}, [0, 2], [1, 3]),
+        (
+            {
+                "setpoints": [20.0, 70.0],
+                "episodes": 3,
+                "splits": {"test": {"setpoint": 70, "episodes": {"start": 1, "stop": 2}}},
+            },
+            [0, 1, 3],
+            [2],
+        ),
+        ({"setpoints": [20.0, 70.0], "episodes": 20}, [*range(18), *range(20, 38)], [18, 19, 38, 39]),
+        (
+            {
+                "episodes": 20,
+                "splits": {"train": {"episodes": "first 50%"}, "test": {"episodes": "last 50%"}},
+            },
+            range(9),
+            [9],
+        ),
+        ({"episodes": 5, "splits": {"validation": {"episodes": "last 60%"}}}, [0, 1], [2, 3, 4]),
+    ],
+)
+def test_episodes_to_train_and_to_validate_on(describe, tmp_path, changes, train, validation):
+    usual = {"setpoints": 70.0, "steps": 2, "policies": ["random"], "splits": {}}
+    dataset = ibdata.generate(describe(**{**usual, **changes}), tmp_path / "made")
+    parts = room.train_and_validation(dataset)
+    assert [np.flatnonzero(part.inside).tolist() for part in parts] == [list(train), list(validation)]

@@ -1,0 +1,195 @@
+"""Repairing changes the broken files only; reproducing makes episodes again; differences are named."""
+
+import json
+import os
+import shutil
+import stat
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from helpers.datasets import PLAIN
+from helpers.folders import contents, seal
+
+import ibdata
+from ibdata.dataset import manifest
+from ibdata.errors import DatasetError, UsageError
+from ibdata.tools.repair import repair
+from ibdata.tools.validate import validate
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return ibdata.generate(PLAIN, tmp_path_factory.mktemp("made") / "tiny", workers=1)
+
+
+@pytest.fixture
+def copied(made, tmp_path):
+    return Path(shutil.copytree(made.path, tmp_path / "copied"))
+
+
+@pytest.fixture
+def file(copied, shard_file):
+    """The path of a file in the copy: of a shard, given as `shard 0`, or the path itself."""
+    return lambda what: shard_file(copied, int(what[6:])) if what.startswith("shard ") else what
+
+
+FILES = {  # and what happens to each
+    "shard 0": "missing",
+    "shard 3": "cut",
+    "meta/dataset.json": "flipped",
+    "meta/episodes.parquet": "missing",
+    "meta/statistics.json": "cut",
+    manifest.EXPERIMENT: "flipped",
+    manifest.CROISSANT: "cut",
+}
+
+
+def damage(path, how):
+    if how == "missing":
+        path.unlink()
+        return
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data[: len(data) // 2] if how == "cut" else data)
+
+
+def rewritten(path, change=lambda table: table):
+    """Write a shard anew, with other bytes than ibdata's even where the rows are the same."""
+    pq.write_table(change(pq.read_table(path)), path, compression="none", use_dictionary=["policy"])
+
+
+@pytest.mark.parametrize(("what", "how"), FILES.items(), ids=FILES)
+def test_any_one_file_is_made_again_as_it_was(copied, file, what, how):
+    before, path = contents(copied), file(what)
+    (copied / path).chmod(0o640)
+    damage(copied / path, how)
+    assert repair(copied, workers=1) == [path]
+    assert contents(copied) == before
+    assert how == "missing" or stat.S_IMODE((copied / path).stat().st_mode) == 0o640
+    assert validate(copied) == []
+
+
+def test_other_bytes_with_the_same_content_only_change_hashes(copied, file, monkeypatch):
+    """As after a repair that was killed before it wrote the manifest."""
+    monkeypatch.setattr("ibdata.tools.repair.run", None)  # nothing is simulated
+    path = file("shard 1")
+    rewritten(copied / path)
+    before, root = contents(copied), ibdata.open(copied).content_root
+    assert [problem.rule for problem in validate(copied)] == ["hash"]
+    assert repair(copied, workers=1) == [path, manifest.CROISSANT]
+    after = contents(copied)
+    changed = {str(copied / name) for name in (manifest.PATH, manifest.CROISSANT)}
+    assert {name for name in after if after[name] != before[name]} == changed
+    assert ibdata.open(copied).content_root == root
+    assert validate(copied) == []
+
+
+def test_what_validate_refuses_is_not_repaired(copied, file):
+    """Here a row that breaks a rule, under the right hashes, beside a file that can be made again."""
+    rewritten(
+        copied / file("shard 1"), lambda table: table.set_column(0, "episode", table["step"].cast("int64"))
+    )
+    seal(copied)
+    damage(copied / "meta/dataset.json", "cut")
+    with pytest.raises(DatasetError, match=r"part-00001-.*: found after all was made again: .*; make the"):
+        repair(copied, workers=1)
+
+
+@pytest.mark.parametrize("column", ["episode", "latent_mu_v"])
+def test_a_wrong_value_in_any_column_makes_the_shard_again(copied, file, column):
+    """The content digest does not cover the number of an episode, but the rules of rows do."""
+
+    def change(table):
+        values = table[column].to_numpy()
+        other = np.roll(values, 1) + np.array(column == "episode", values.dtype)
+        field = table.schema.field(column)
+        return table.set_column(table.column_names.index(column), field, pa.array(other, field.type))
+
+    before, path = contents(copied), file("shard 1")
+    rewritten(copied / path, change)
+    assert repair(copied, workers=1) == [path]
+    assert contents(copied) == before
+
+
+LOST = {"missing": None, "another run": lambda listed: listed["safe"].update(runs=[[0, 6]])}
+
+
+@pytest.mark.parametrize("change", LOST.values(), ids=LOST)
+def test_lost_splits_are_those_declared_and_a_line_says_so(copied, capsys, change):
+    path = copied / manifest.SPLITS
+    before = path.read_bytes()
+    ibdata.split(copied, by="policy")
+    listed = json.loads(path.read_bytes())
+    if change is None:
+        path.unlink()
+    else:
+        change(listed)
+        path.write_text(json.dumps(listed))
+    assert repair(copied, workers=1) == [manifest.SPLITS]
+    line = f"ibdata: {copied}: splits that were made later, if there were any, are lost; make them again\n"
+    assert capsys.readouterr().err == line
+    assert path.read_bytes() == before
+    assert validate(copied) == []
+
+
+def of_another_seed(folder):
+    seal(folder, lambda listed: listed["experiments"][0].update(seed=1))
+    damage(next((folder / "data").iterdir()), "cut")
+
+
+def of_other_steps(folder):
+    seal(folder, lambda listed: listed["experiments"][0].update(steps=21))
+
+
+def with_a_stranger(folder):
+    (folder / "data/.part-00000-aaaaaaaa.parquet").write_bytes(b"mine")
+
+
+REFUSED = {  # by whom, and how; tests/corpus has more
+    "other content": (of_another_seed, DatasetError, "found other content when made again"),
+    "forged plan": (of_other_steps, DatasetError, "experiments: .* see ibdata validate"),
+    "stranger": (with_a_stranger, UsageError, "a file that the manifest does not list; move it away, then"),
+}
+
+
+@pytest.mark.parametrize(("prepare", "error", "line"), REFUSED.values(), ids=REFUSED)
+def test_what_cannot_be_repaired_is_named_and_stays(copied, prepare, error, line):
+    prepare(copied)
+    before = contents(copied)
+    with pytest.raises(error, match=line):
+        repair(copied, workers=1)
+    assert contents(copied) == before
+    assert os.listdir(copied.parent) == [copied.name]
+
+
+@pytest.mark.parametrize(("episodes", "count"), [(None, 12), (5, 5), (100, 12)])
+def test_a_dataset_is_reproduced_whole_or_in_part(made, episodes, count):
+    assert ibdata.reproduce(made.path, episodes) == (count, [])
+
+
+def test_no_episode_to_reproduce_is_refused(made):
+    with pytest.raises(UsageError, match=r"^--episodes: found -3, expected a whole number of at least 1"):
+        ibdata.reproduce(made.path, -3)
+
+
+def test_an_episode_that_is_not_reproduced_is_named(copied, file):
+    seal(copied, lambda listed: listed["experiments"][0].update(seed=1))
+    count, problems = ibdata.reproduce(copied, 3)
+    assert count == 3
+    assert [(p.path, p.row, p.message) for p in problems] == [
+        (file("shard 0"), 0, "episode 0: found other content when made again"),
+        (file("shard 2"), 20, "episode 4: found other content when made again"),
+        (file("shard 5"), 0, "episode 8: found other content when made again"),
+    ]
+
+
+@pytest.mark.parametrize("damage", [lambda path: path.write_bytes(b"garbage"), lambda path: path.unlink()])
+def test_reproduce_names_a_changed_or_missing_file(copied, file, damage):
+    path = file("shard 1")
+    damage(copied / path)
+    count, problems = ibdata.reproduce(copied)
+    assert (count, [problem.path for problem in problems]) == (12, [path])
+    assert ibdata.reproduce(copied, 1) == (1, [])  # the first episode is in another file
