@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+
+import jax
 
 if TYPE_CHECKING:
     from ibdata.dynamics.variants import Parameters

@@ -10,9 +10,9 @@ import numpy.typing as npt
 import pandas as pd
 
 import ibdata
+from ibdata._numerics.confidence import estimate
 from ibdata.dataset.reference_returns import scale
 from ibdata.evaluation.baselines import BEHAVIOUR, Baseline, Evaluated
-from ibdata._numerics.confidence import estimate
 from measuring.documents import DOCS, table, write_measured
 from training.protocol import LITERATURE
 from training.selection import rank_correlation

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.dynamics import Noise, State, initial_state, step
 from ibdata._numerics.exact import exponential, normal
+from ibdata.dynamics import Noise, State, initial_state, step
 
 STATES, DRAWS, SEED = 2000, 64, 0
 LONGEST = 200

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.evaluation.baselines import BEHAVIOUR, NOTHING, Baseline, ModelErrors
 from ibdata._numerics.confidence import Estimate, estimate
+from ibdata.evaluation.baselines import BEHAVIOUR, NOTHING, Baseline, ModelErrors
 
 Floats = npt.NDArray[np.float64]
 Settings = dict[str, Any]
