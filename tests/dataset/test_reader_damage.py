@@ -13,6 +13,17 @@ import pytest
 import ibdata
 from ibdata.errors import DatasetError
 
+
+@pytest.mark.parametrize("key", ["shards", "files", "content_root"])
+def test_an_edited_manifest_is_refused(copied, key):
+    path = copied / "meta/manifest.json"
+    listed = json.loads(path.read_text())
+    listed[key] = listed[key][:-1]
+    path.write_text(json.dumps(listed))
+    with pytest.raises(DatasetError, match=r"meta/manifest\.json: .*does not fit its checksum"):
+        ibdata.open(copied)
+
+
 READS = {
     "table": lambda d: d.table(["reward", "obs_consumption"]),
     "batches": lambda d: list(d.iter_batches(["obs_consumption"])),

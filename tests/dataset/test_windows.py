@@ -61,6 +61,9 @@ def test_a_folder_with_anything_else_is_refused(dataset, tmp_path):
     dataset.windows(folder=tmp_path / "windows")
     with pytest.raises(UsageError, match=r"folder: .*windows holds something else .* choose another folder"):
         dataset.windows(folder=tmp_path / "windows", view={"observe": ["obs_gain"]})
+    ibdata.generate("random", tmp_path / "begun", overrides={"steps": 3}, workers=1, shards="1/1")
+    with pytest.raises(UsageError, match=r"begun: an unfinished run of generate has this name; choose"):
+        dataset.windows(folder=tmp_path / "begun")
     (tmp_path / "mine").mkdir()
     with pytest.raises(UsageError, match=r"folder: .*mine holds something else"):
         dataset.windows(folder=tmp_path / "mine")

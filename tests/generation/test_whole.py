@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
@@ -10,10 +11,11 @@ from helpers.folders import contents, is_right, part_of, run_of
 
 import ibdata
 from ibdata import IbdataError
+from ibdata._system.storage import Remote
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import shard as shard_writing
-from ibdata.generation import workers
+from ibdata.generation import upload, workers
 from ibdata.generation.record import Record
 
 
@@ -119,6 +121,19 @@ def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line():
     ):
         ibdata.generate(TINY, "out", workers=1)
     assert contents() == before
+
+
+def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, tiny, files):
+    monkeypatch.chdir(tmp_path)
+    url = f"{tmp_path.as_uri()}/there"
+    monkeypatch.setattr(upload, "work_folder", lambda url, e: tmp_path / "cache/dataset")
+    with monkeypatch.context() as broken:
+        broken.setattr(Remote, "put", Mock(side_effect=OSError(5, "lost")))
+        with pytest.raises(IbdataError, match="the same command tries again"):
+            four_shards_at(url)
+    next(Path("cache/dataset/data").iterdir()).unlink()
+    four_shards_at(url)
+    assert files("there") == files(tiny[0].path)
 
 
 def test_a_dataset_that_is_not_whole_is_not_already_there(tmp_path, monkeypatch):

@@ -17,7 +17,7 @@ from ibdata.dataset.tabular import column_texts
 from ibdata.errors import BusyError, DatasetError, UsageError
 from ibdata.tools.card import card
 
-pytestmark = pytest.mark.slow
+slow = pytest.mark.slow
 
 
 class Page(HTMLParser):
@@ -73,6 +73,7 @@ def copied(carded, tmp_path):
     return Path(shutil.copytree(carded.path, tmp_path / "copied"))
 
 
+@slow
 def test_a_card_and_a_report_are_new_and_the_dataset_is_the_same(plain, carded):
     """The card of a run has the measures of quality that need only the returns; this one has all."""
     before, after = (
@@ -86,6 +87,7 @@ def test_a_card_and_a_report_are_new_and_the_dataset_is_the_same(plain, carded):
     assert ibdata.validate(carded.path) == []
 
 
+@slow
 def test_the_report_is_whole_html_that_loads_nothing(page):
     assert page.text.startswith("<!DOCTYPE html>\n")
     assert "://" not in page.text
@@ -97,6 +99,7 @@ def test_the_report_is_whole_html_that_loads_nothing(page):
     assert any("width=device-width" in value for value in page.all("meta", "content"))
 
 
+@slow
 def test_the_report_says_what_the_dataset_is(carded, page):
     cells, code = page.texts["td"], "".join(page.texts["code"])
     reward = carded.statistics()["reward"]
@@ -119,7 +122,9 @@ def without_report(*arguments):
     raise ImportError("no matplotlib")
 
 
+@slow
 @pytest.mark.parametrize("name", [manifest.CARD, manifest.REPORT])
+@slow
 def test_an_edited_file_is_replaced_only_if_that_is_said(copied, monkeypatch, name):
     monkeypatch.setattr("ibdata.tools.card.page", lambda *arguments: b"a page")
     monkeypatch.setattr("ibdata.tools.card.drawn", lambda dataset: {})
@@ -153,6 +158,7 @@ def test_the_cards_of_generate_and_repair_are_replaced_and_one_of_other_splits_i
     card(folder, overwrite=True)
 
 
+@slow
 def test_without_matplotlib_only_the_card_is_written(ibdata, plain, carded, tmp_path):
     folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
     expected = contents(folder) | {str(folder / "README.md"): (carded.path / "README.md").read_bytes()}
@@ -168,6 +174,7 @@ def test_without_matplotlib_only_the_card_is_written(ibdata, plain, carded, tmp_
     assert contents(folder) == expected
 
 
+@slow
 def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied):
     before = contents(copied)
     with locked_part(copied), pytest.raises(BusyError):
@@ -177,6 +184,7 @@ def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied):
         card(copied / "meta")
 
 
+@slow
 def test_a_dataset_that_is_moved_away_meanwhile_gets_no_card(copied, monkeypatch):
     @contextmanager
     def moved(*arguments):
