@@ -122,6 +122,6 @@ def test_the_documentation_stays_short():
     [guide] = (part["Guide"] for part in YAML(typ="safe").load(ROOT / "mkdocs.yml")["nav"] if "Guide" in part)
     read = {page for entry in guide for page in entry.values()}
     words = {name: len(text.split()) for name, text in PAGES.items()}
-    assert len(list(DOCS.glob("*.md")) + list(DOCS.glob("*.ipynb"))) <= 28
-    assert sum(words.values()) <= 24_000
+    assert len(list(DOCS.glob("*.md")) + list(DOCS.glob("*.ipynb"))) <= 30
+    assert sum(words.values()) <= 24_600
     assert sum(words[name] for name in read & set(words)) <= 7_000

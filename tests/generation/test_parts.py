@@ -3,11 +3,12 @@
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from ibdata.writing import columns, shard
 
 import ibdata
 from ibdata.dataset import statistics
 from ibdata.experiment.rollout import Columns, rollout
+from ibdata.generation import pieces as columns
+from ibdata.generation import shard
 from ibdata.tools import checks
 
 
