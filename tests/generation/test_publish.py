@@ -16,6 +16,7 @@ import ibdata
 from ibdata.cli import main
 from ibdata.errors import UsageError
 from ibdata.system import part
+from ibdata.system.files import write
 from ibdata.system.files import read_sealed, sealed, write
 from ibdata.system.part import locked_part
 
@@ -113,6 +114,12 @@ def events(monkeypatch):
     for name in ("rename", "replace"):
         monkeypatch.setattr(Path, name, noting("move", getattr(Path, name)))
     return seen
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name_and_the_name_afterwards(events, tmp_path):
+    write(tmp_path, "x", b"new")
+    assert [name for name, *_ in events] == ["sync", "move", "sync"]
+    assert events[-1] == ("sync", str(tmp_path))
 
 
 @pytest.mark.parametrize("out", ["new", "out"], ids=["new", "replaced"])
