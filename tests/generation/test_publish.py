@@ -16,7 +16,6 @@ import ibdata
 from ibdata.cli import main
 from ibdata.errors import UsageError
 from ibdata.system import part
-from ibdata.system.files import write
 from ibdata.system.files import read_sealed, sealed, write
 from ibdata.system.part import locked_part
 
