@@ -115,6 +115,12 @@ def events(monkeypatch):
     return seen
 
 
+def test_a_file_is_on_the_disk_before_it_has_its_name_and_the_name_afterwards(events, tmp_path):
+    write(tmp_path, "x", b"new")
+    assert [name for name, *_ in events] == ["sync", "move", "sync"]
+    assert events[-1] == ("sync", str(tmp_path))
+
+
 @pytest.mark.parametrize("out", ["new", "out"], ids=["new", "replaced"])
 def test_all_is_on_the_disk_before_it_is_published(events, tmp_path, out):
     """Every file and folder is synced before the dataset gets its name, and the name afterwards."""

@@ -67,7 +67,8 @@ def test_a_merged_dataset_holds_the_episodes_of_all(pair, merged):
 
 def test_episodes_of_a_third_dataset_follow_those_of_two(make, tmp_path):
     parts = [make(name, seed=seed) for seed, name in enumerate("abc")]
-    merged = ibdata.merge([each.path for each in parts], tmp_path / "all")
+    two = ibdata.merge([each.path for each in parts[:2]], tmp_path / "two")
+    merged = ibdata.merge([two.path, parts[2].path], tmp_path / "all")
     assert merged.to_pandas()["reward"].tolist() == [x for d in parts for x in d.to_pandas()["reward"]]
     assert merged.to_pandas()["episode"].drop_duplicates().tolist() == list(range(18))
     split = ibdata.split(merged.path, "setpoint", source=[20], target=[70])
