@@ -11,8 +11,6 @@ from ibdata.errors import Interrupted, UsageError
 from ibdata.maintenance import rewrite
 from ibdata.maintenance.listing import datasets_in
 
-pytestmark = pytest.mark.portable
-
 PLAIN = {
     "name": "a",
     "setpoints": [20.0, 70.0],
