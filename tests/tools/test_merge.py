@@ -10,8 +10,6 @@ from ibdata.errors import Interrupted, UsageError
 from ibdata.tools import rewrite
 from ibdata.tools.listing import datasets_in
 
-pytestmark = pytest.mark.portable
-
 PLAIN = {
     "name": "a",
     "setpoints": [20.0, 70.0],
