@@ -31,7 +31,9 @@ def test_the_lines_of_your_own_experiment_print_what_they_say(tmp_path: Path):
     check_guide(section, tmp_path)
 
 
-@pytest.mark.parametrize("figure", ["1e-12", "100,000", "3,262", "185", "5,913", "727", "166", "338", "8 and 6"])
+@pytest.mark.parametrize(
+    "figure", ["1e-12", "100,000", "3,262", "185", "5,913", "727", "166", "338", "8 and 6"]
+)
 def test_a_measured_figure_stands_where_its_proof_is(figure: str):
     """The medians of the run-away are 338, 205 and 166 steps by the code, and 8, 7 and 6 as printed."""
     assert figure in TEXT

@@ -38,7 +38,7 @@ def test_the_mean_has_a_mass_only_where_it_may_be_played(sampled):
     seen = at_start(np.zeros((1, 1, 6), np.float32), Needs(), np.full((1, 4), 0.9))
     outputs = {"mean": [0.25] * 3, "log_std": [0.0] * 3}
     sometimes, always = (distribution(sampled(share, **outputs), seen) for share in (0.3, 1.0))
-    mean = applied(sometimes.sample(seen.uniforms))
+    mean = applied(sometimes.sample(seen.draws))
     assert sometimes.atoms(mean).all()
     assert not always.atoms(mean).any()
 
