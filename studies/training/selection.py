@@ -195,7 +195,7 @@ def weights(lines: Sequence[Line]) -> str:
 
 def shown(lines: Sequence[Line]) -> str:
     """What the page shows, of the sets that are done: a table of each measure, by estimator."""
-    kinds = {
+    kinds: dict[str, tuple[Callable[[Floats, Floats], float], float, int]] = {
         "absolute error": (absolute_error, 100.0, 1),
         "rank correlation": (rank_correlation, 1.0, 2),
         "regret@1": (partial(regret, k=1), 100.0, 1),
