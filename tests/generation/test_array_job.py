@@ -123,7 +123,8 @@ def test_ranges_that_meet_in_a_shard_both_succeed(plain, files, interleaved, fir
 def test_missing_and_damaged_shards_are_named(shard_file):
     make("1/3")
     folder = run_of("out") / "dataset"
-    (folder / shard_file(folder, 1)).write_bytes(b"damaged")
+    shard = folder / shard_file(folder, 1)
+    shard.write_bytes(bytes(shard.stat().st_size))
     before = contents()
     with pytest.raises(
         IbdataError, match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; run the same"
