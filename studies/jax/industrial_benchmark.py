@@ -4,8 +4,9 @@
     state = reset(key, k, setpoint=70.0)
     state = step(key, state, action, k)  # its reward is state.reward
 
-The equations are those of Hein et al. 2017, a function each, written anew: of ibdata this file needs the numbers of
-a `Variant` only. Names are those of `ibdata.dynamics`. Numbers are float32, or float64 with `jax_enable_x64`.
+The equations are those of Hein et al. 2017, a function each, written anew: of ibdata this file needs only the
+numbers of a `Variant`. Names are those of `ibdata.dynamics`. Numbers are float32, or float64 with
+`jax_enable_x64`.
 """
 
 from __future__ import annotations
@@ -93,6 +94,7 @@ def draw(key) -> Noise:
 
 def step_with_noise(state: State, action, z: Noise, k: Parameters) -> State:
     """The state one step later under an action (3,) = (Δv, Δg, Δh), with the noise z."""
+    action = jnp.asarray(action, float)
     p, b, left = drift(state.setpoint, state.drift_rate, state.drift_left, z, k)
     v = steer(state.velocity, 1.0, action[0])
     g = steer(state.gain, 10.0, action[1])
@@ -112,7 +114,9 @@ def step_with_noise(state: State, action, z: Noise, k: Parameters) -> State:
     delta, psi, phi = next_direction(state.domain, state.response, state.direction, he)
     c_hat = expected_consumption(convolved_cost(theta, k), penalty(phi, he), k)
     c = consumption(c_hat, z.normal_consumption, k)
-    return State(p, v, g, h, f, c, -c - 3.0 * f, theta, delta, psi, phi, mu_v, mu_g, b, left)  # reward: Eq. (5)
+    return State(
+        p, v, g, h, f, c, -c - 3.0 * f, theta, delta, psi, phi, mu_v, mu_g, b, left
+    )  # reward: Eq. (5)
 
 
 def drift(p, b, left, z: Noise, k: Parameters):
@@ -188,7 +192,7 @@ def operational_cost(p, v, g):
 
 
 def remembered(history, theta):
-    """The last ten operational costs, oldest first. The first one fills the history, as in the authors' code."""
+    """The last ten operational costs, oldest first. The first fills the history, as in the authors' code."""
     return jnp.where(history[-1] == 0.0, theta, jnp.append(history[1:], theta))
 
 
@@ -224,7 +228,7 @@ ALPHA, BETA, KAPPA = 2 / LAMBDA, 1 / LAMBDA, float(-8 * np.sqrt(2 / 27) / LAMBDA
 
 
 def radii(phi: int) -> tuple[float, float, float]:
-    """ρˢ, |r_opt| and |r_min| of a direction: Eqs. (18) and (43) to (46), for ρˢ >= 0 because of the symmetry."""
+    """ρˢ, |r_opt| and |r_min| of a direction, by Eqs. (18) and (43) to (47)."""
     rho_s = abs(np.sin(np.pi * phi / 12))
     q = KAPPA * rho_s / (8 * BETA)
     if abs(phi) > 3:  # q < -√(1/27); at 3 both branches are 2/√3
