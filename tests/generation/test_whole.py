@@ -12,6 +12,7 @@ from helpers.folders import contents, is_right, part_of, run_of
 import ibdata
 from ibdata import IbdataError
 from ibdata._system.storage import Remote
+from ibdata.dataset.models import Code
 from ibdata.errors import DatasetError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import shard as shard_writing
@@ -121,6 +122,15 @@ def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line():
     ):
         ibdata.generate(TINY, "out", workers=1)
     assert contents() == before
+
+
+def test_a_run_goes_on_with_the_same_code_only():
+    """tests/generation/test_origin.py does it with files and folders."""
+    hashes = ({"helper.py": letter * 64} for letter in "ab")
+    codes = (Code(target="mine:Own", version=None, sha256="c" * 64, files=each) for each in hashes)
+    one, other = (Record.of(DatasetSpec.of(TINY), code=[code], reproducible=True) for code in codes)
+    assert one.difference(one) is None
+    assert one.difference(other) == "with other code, in helper.py"
 
 
 def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, tiny, files):
