@@ -4,6 +4,7 @@ import io
 import os
 from contextlib import suppress
 from itertools import count
+from pathlib import Path
 
 import h5py
 import pytest
@@ -97,6 +98,7 @@ def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, mo
         return real(file, mode, *args, **options)
 
     monkeypatch.setattr(io, "open", once)
+    monkeypatch.setattr(Path, "open", once)  # Python 3.10 remembers the other
     for fails in count(1):
         numbers = count(1)
         with suppress(IbdataError):
