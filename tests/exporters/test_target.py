@@ -1,12 +1,10 @@
 """For every format: an export is complete or absent, and replaces another one only when that is said."""
 
+import io
 import os
-<<<<<<< HEAD
-=======
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
->>>>>>> turn-p
 
 import h5py
 import pytest
@@ -89,8 +87,6 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     assert list(tmp_path.iterdir()) == []
 
 
-<<<<<<< HEAD
-=======
 @pytest.mark.parametrize("to", ["lerobot", "neorl", "npz"])
 def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, monkeypatch):
     """zipfile, which fails to open a file to add to it, empties it, and goes on."""
@@ -112,7 +108,6 @@ def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, mo
     holds(made, dataset, split, made.history)
 
 
->>>>>>> turn-p
 @pytest.mark.parametrize("to", ["d3rlpy", "d4rl"])
 def test_what_hdf5_loses_is_an_error(dataset, tmp_path, to, monkeypatch):
     """It closes a file without a word after a write that the system refused."""
