@@ -173,6 +173,19 @@ def test_an_export_is_known_as_one(dataset, tmp_path, to, view):
     assert is_folder_export(out) if to == "lerobot" else is_export(out)
 
 
+def test_a_file_or_what_a_link_points_to_is_replaced(dataset, tmp_path):
+    (tmp_path / "scratch").mkdir()
+    (tmp_path / "scratch" / "x").write_text("")
+    (tmp_path / "link").symlink_to("scratch/x")
+    made = ibdata.export(dataset, "npz", tmp_path / "link", overwrite=True)
+    assert (tmp_path / "link").is_symlink()
+    assert made.path == str(tmp_path / "link")
+    holds(made, dataset)
+    made = ibdata.export(dataset, "rllib", tmp_path / "scratch" / "x", overwrite=True)
+    holds(made, dataset)
+    assert os.listdir(tmp_path / "scratch") == ["x"]
+
+
 def test_a_target_that_cannot_be_written_is_refused(dataset, tmp_path):
     (tmp_path / "file").write_text("")
     for out, line in (
