@@ -36,12 +36,14 @@ WATCHER = Constant()  # a policy that is never asked, since all actions are give
 class Rollouts(NamedTuple):
     """What n starts, k sequences of h actions and some samples of the noise gave.
 
-    `state` has n · k · samples lanes, in the order of the arrays, from which further rollouts go on.
+    `state` has n · k · samples lanes, in the order of the arrays.
     """
 
     rewards: Float32s  # (n, k, samples, h)
     observations: Float32s  # (n, k, samples, h, columns), after each action
     state: State
+    world: World | None  # in which further rollouts go on; None if the starts had several dynamics
+    steps: int  # played so far, after which the noise goes on
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,15 +95,16 @@ def rollouts(
 
     Args:
         start: The n starts. Either a dataset, its folder or URL, with `rows`; or a `State` of n lanes, as of
-            `ibdata.state_at`, of an environment's `state` or of earlier rollouts; or the settings of one
-            start for each setpoint, such as {"setpoint": 70, "start": "uniform", "dynamics": "paper"}. A
-            state has the dynamics `siemens`; ("paper", state) has others.
+            `ibdata.state_at` or an environment's `state`, with the dynamics `siemens`, or ("paper", state);
+            or the settings of one start for each setpoint, such as {"setpoint": 70, "start": "uniform",
+            "dynamics": "paper"}; or earlier rollouts, which go on from all their lanes with further noise.
         actions: (k, h, 3) for all starts, or (n, k, h, 3); clipped to [-1, 1] and rounded to float32.
         rows: The rows of the dataset before whose actions the rollouts start, as in `state_at`.
         samples: How often each sequence is played, each time with other noise.
         noise: The seed of the noise; or "recorded", the noise of the dataset's own episodes. With it, the
-            actions of a row give the row that follows, bit for bit, and other actions the counterfactual.
-        view: What is observed and rewarded, as the options of a view (docs/views.md).
+            actions of a row give the row that follows, as float32, and other actions the counterfactual.
+        view: What is observed and rewarded, as the options of a view (docs/views.md). Imperfections have
+            their own seed.
 
     Returns:
         Rewards (n, k, samples, h), observations (n, k, samples, h, columns), and the last states.
@@ -117,6 +120,10 @@ def rollouts(
         raise UsageError(
             f"noise: found {noise!r}, expected a seed, or 'recorded' with rows of a dataset and one sample"
         )
+    if options.cost is not None:
+        raise UsageError("view: found a cost, which rollouts do not return; leave it out")
+    if not isinstance(noise, str) and noise < 0:
+        raise UsageError(f"noise: found {noise}, expected a seed of at least 0")
     begun = list(_begun(start, rows, noise))
     n, drifting = sum(len(part.numbers) for part in begun), begun[0].world.drifting
     if any(part.world.drifting != drifting for part in begun):
@@ -124,9 +131,14 @@ def rollouts(
     played = _applied(actions, n)
     k, h = played.shape[1:3]
     shape, columns = (n, k, samples, h), len(options.frame(drifting))
-    refuse_too_much("samples", 4 * n * k * samples * h * (1 + columns))
+    lane = begun[0].carry.state.values[:, 0].nbytes + 4 * h * (1 + columns)
+    refuse_too_much("samples", lane * n * k * samples)
     out = Rollouts(
-        np.empty(shape, np.float32), np.empty((*shape, columns), np.float32), State.zeros(n * k * samples)
+        np.empty(shape, np.float32),
+        np.empty((*shape, columns), np.float32),
+        State.zeros(n * k * samples),
+        begun[0].world if len({part.world.variant for part in begun}) == 1 else None,
+        h + (start.steps if isinstance(start, Rollouts) else 0),
     )
     for part in begun:
         _play(part, played, samples, options, out)
@@ -149,17 +161,25 @@ def _begun(start: Any, rows: Any, noise: int | str) -> Iterator[Begun]:
                 keys, index, first = np.tile(key, (len(inner), 1)), positions, np.zeros_like(positions)
             yield Begun(world, positions, carry.take(positions), keys, index, first)
         return
-    if isinstance(state, State):
+    first_step = 0
+    if isinstance(start, Rollouts):
+        if start.world is None:
+            raise UsageError("start: found rollouts of several dynamics, expected those of one")
+        world, first_step = start.world, start.steps
+        carry = Carry.at(start.state, WATCHER.needs)
+    elif isinstance(state, State):
         try:
             state = checked_state(state)
         except ValueError as error:
             raise UsageError(f"start: {str(error).removeprefix('step: ')}") from None
         moves = state.drift_left >= 0
-        if moves.any() != moves.all():
-            raise UsageError("start: found constant and moving setpoints, expected states of one kind")
+        if not len(moves) or moves.any() != moves.all():
+            raise UsageError("start: expected lanes that all have constant setpoints, or all moving ones")
         world = dataclasses.replace(scenario_of(dynamics=dynamics).world, drifting=bool(moves.any()))
         carry = Carry.at(state, WATCHER.needs)
     elif isinstance(start, Mapping):
+        if unknown := {str(name) for name in start} - {"setpoint", "start", "dynamics"}:
+            raise UsageError(f"start: found {min(unknown)}, expected setpoint, start and dynamics")
         scenario = scenario_of(**start)
         world, setpoints = scenario.world, np.array(scenario.points)
         lanes = np.arange(len(setpoints))
@@ -171,7 +191,8 @@ def _begun(start: Any, rows: Any, noise: int | str) -> Iterator[Begun]:
             "{'setpoint': 70}"
         )
     numbers = np.arange(carry.state.lanes)
-    yield Begun(world, numbers, carry, np.tile(key, (len(numbers), 1)), numbers, np.zeros_like(numbers))
+    keys, first = np.tile(key, (len(numbers), 1)), np.full_like(numbers, first_step)
+    yield Begun(world, numbers, carry, keys, numbers, first)
 
 
 def _addressed(keys: Raw, lanes: Ints, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
@@ -183,23 +204,24 @@ def _play(begun: Begun, actions: Float32s, samples: int, view: ViewOptions, out:
     k, h, drifting = actions.shape[1], actions.shape[2], begun.world.drifting
     paid = record_rows(rewarded(dataclasses.replace(view, cost=None)))
     seen = observed_rows(view, drifting)
-    index = (begun.index[:, None] * samples + np.arange(samples)).ravel()
-    of_unit = np.repeat(np.arange(len(begun.numbers)), samples)
-    total = len(of_unit) * k
+    total = len(begun.numbers) * samples * k
     for first in range(0, total, LANES):
         unit, sequence = np.divmod(np.arange(first, min(first + LANES, total)), k)
-        starts, sample = begun.numbers[of_unit[unit]], unit % samples
+        units = np.arange(unit[0], unit[-1] + 1)  # a unit is a sample from a start, which has one noise
+        of, sample = units // samples, unit % samples
+        starts = begun.numbers[unit // samples]
         lanes = Noisy(
             begun.world, WATCHER, WATCHER.label,
-            keys=begun.keys[of_unit], policy_keys=begun.keys[of_unit], index=index,
-            setpoint=begun.carry.state.setpoint[of_unit], number=starts,
-            first_step=begun.first_step[of_unit], unit=unit,
+            keys=begun.keys[of], policy_keys=begun.keys[of],
+            index=begun.index[of] * samples + units % samples,
+            setpoint=begun.carry.state.setpoint[of], number=starts,
+            first_step=begun.first_step[of], unit=unit - unit[0],
         )  # fmt: skip
-        carry = begun.carry.take(of_unit[unit])
+        carry = begun.carry.take(unit // samples)
         numbers = np.ravel_multi_index((starts, sequence, sample), out.rewards.shape[:3])
         window = Window(view, drifting, len(unit), 1) if view.imperfections or view.actions else None
         if window is not None:
-            window.begin(lanes.lanes, values_of(carry.state, seen), numbers)
+            window.begin(lanes.lanes, values_of(carry.state, seen), starts * samples + sample)
         recorded = np.ascontiguousarray(actions[starts, sequence].transpose(1, 0, 2))
         for block in unroll(lanes, carry, np.concatenate([paid, seen]), h, recorded=recorded):
             here = (starts, sequence, sample, slice(block.first, block.stop))
@@ -222,17 +244,17 @@ def _frames(window: Window, clean: Float32s, actions: Float32s) -> Float32s:
 def _applied(actions: npt.ArrayLike, n: int) -> Float32s:
     """Sequences of actions (n, k, h, 3), clipped and rounded. Raises UsageError if they are none."""
     try:
-        proposed = np.array(actions, dtype=np.float64)
+        proposed = np.asarray(actions)
+        proposed = np.empty(0) if np.iscomplexobj(proposed) else proposed.astype(np.float64)
     except (TypeError, ValueError):
         proposed = np.empty(0)
-    if proposed.ndim == 3:
-        proposed = np.broadcast_to(proposed, (n, *proposed.shape))
     out = np.empty(proposed.shape, dtype=np.float32)
     shape: tuple[int, ...] = out.shape
-    fits = len(shape) == 4 and shape[0] == n and shape[-1] == 3 and out.size > 0
-    if not fits or clip_and_round(np.ascontiguousarray(proposed).reshape(-1, 3), out.reshape(-1, 3)) < 0:
+    fits = len(shape) == 3 or (len(shape) == 4 and shape[0] == n)
+    fits = fits and shape[-1] == 3 and out.size > 0
+    if not fits or clip_and_round(proposed.reshape(-1, 3), out.reshape(-1, 3)) < 0:
         raise UsageError(
             f"actions: found {excerpt(actions, 80)}, expected (k, h, 3) or ({n}, k, h, 3) finite numbers: "
             "sequences of changes of velocity, gain and shift in [-1, 1]"
         )
-    return out
+    return np.broadcast_to(out, (n, *shape[-3:]))

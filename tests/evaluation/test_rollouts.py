@@ -96,7 +96,8 @@ def test_rollouts_go_on_and_the_mean_is_the_true_value_s(state, tmp_path):
     still = {"kind": "constant", "action": [0, 0, 0]}
     known = ibdata.true_values(made, (0, 30), still, steps=20, discount=1.0, episodes=4000)
     first = ibdata.rollouts(made, np.zeros((1, 5, 3)), rows=(0, 30), samples=4000)
-    rest = ibdata.rollouts(first.state, np.zeros((1, 15, 3)), noise=1)
+    rest = ibdata.rollouts(first, np.zeros((1, 15, 3)))
+    assert (first.steps, rest.steps, rest.world) == (5, 20, first.world)
     returns = first.rewards[0, 0].sum(axis=1) + rest.rewards[:, 0, 0].sum(axis=1)
     error = np.hypot(known.standard_errors[0], returns.std() / np.sqrt(4000))
     assert abs(returns.mean() - known.values[0]) < 4 * error
@@ -113,6 +114,10 @@ def test_starts_are_settings_or_states_of_other_dynamics(state):
 
 def test_views_see_and_reward_as_everywhere(state):
     actions = sequences(2, 6)
+    noisy = {"imperfections": {"noise": {"obs_fatigue": 1.0}}}
+    same = ibdata.rollouts(state, actions[[0, 0]], samples=2, view=noisy).observations
+    assert np.array_equal(same[:, 0], same[:, 1])
+    assert (same[:, :, 0, :, 4] != same[:, :, 1, :, 4]).all()
     view = {"reward": "delta", "reward_scale": 0.1, "imperfections": {"delay": {"obs_fatigue": 2}}}
     plain, seen = ibdata.rollouts(state, actions), ibdata.rollouts(state, actions, view=view)
     fatigue = plain.observations[..., 4]
@@ -133,6 +138,11 @@ def test_views_see_and_reward_as_everywhere(state):
         ({"samples": 0}, "^samples: found 0, expected at least 1"),
         ({"start": 5}, "^start: found 5, expected a dataset with rows=, a State, or settings"),
         ({"samples": 10**12}, "^samples: "),
+        ({"start": {1: 2}}, "^start: found 1, expected setpoint, start and dynamics"),
+        ({"start": {"setpoint": 70, "seed": 1}}, "^start: found seed, expected"),
+        ({"noise": -1}, "^noise: found -1, expected a seed of at least 0"),
+        ({"actions": np.zeros((1, 1, 3), complex)}, "^actions: found"),
+        ({"view": {"cost": "runaway"}}, "^view: found a cost"),
     ],
 )
 def test_what_cannot_be_played_is_refused(state, options, said):
