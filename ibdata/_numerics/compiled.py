@@ -70,8 +70,8 @@ def _text(module: str) -> str:
     )
 
 
-# That hold compiled functions.
-ROOMS = ("_numerics", "dynamics", "_simulation", "policies", "dataset.statistics")
+# That hold compiled functions, and the constants in them.
+ROOMS = ("_numerics", "dynamics", "_simulation", "policies", "dataset.statistics", "views.variables")
 ANNOUNCEMENT = Announcement()
 
 
