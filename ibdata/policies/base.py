@@ -116,7 +116,11 @@ class FrozenModel(BaseModel):
     @property
     def context(self) -> dict[str, Any]:
         """What a copy is checked with: the `folder` of files, and known `weights` by their SHA-256."""
-        return {}
+        context: dict[str, Any] = {"weights": {}}
+        for policy in self.inner:
+            weights = {**context["weights"], **policy.context["weights"]}
+            context = {**policy.context, **context, "weights": weights}
+        return context
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, type(self)) and self.options() == other.options()

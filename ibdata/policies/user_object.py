@@ -21,6 +21,7 @@ from pydantic import (
     WithJsonSchema,
     model_validator,
 )
+from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
 from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of
@@ -247,15 +248,19 @@ class Custom(UserObject):
     _folder: Path | None = PrivateAttr(None)  # of the YAML file
     _places: Places = PrivateAttr(())  # in which the code, and the files that it reads, are looked for
 
-    @model_validator(mode="after")
-    def _of_file(self, info: ValidationInfo) -> Custom:
-        self._folder = (info.context or {}).get("folder")
-        return self
+    @model_validator(mode="wrap")
+    @classmethod
+    def _of_file(cls, data: Any, handler: ModelWrapValidatorHandler[Custom], info: ValidationInfo) -> Custom:
+        """Keep the folder of a block; a policy that is given has its own."""
+        policy = handler(data)
+        if not isinstance(data, Policy):
+            policy._folder = (info.context or {}).get("folder")
+        return policy
 
     @property
     def context(self) -> dict[str, Any]:
-        """The folder of the YAML file."""
-        return {"folder": self._folder}
+        """The folder of the YAML file of the block."""
+        return {**super().context, "folder": self._folder}
 
     @property
     def code_target(self) -> str:
