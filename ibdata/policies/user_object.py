@@ -79,8 +79,8 @@ class UserObject(Policy):
 
     @property
     def needs(self) -> Needs:
-        """The options; an object with `decide` also says what it remembers and draws for an episode."""
-        needs = needs_of(self.adapter.target, self.history, self.draws)
+        """The options; a loaded object with `decide` also says what it remembers and draws for an episode."""
+        needs = needs_of(self._adapter and self._adapter.target)
         return needs._replace(history=self.history, draws=self.draws)
 
     def loaded(self, acting: Acting) -> Self:

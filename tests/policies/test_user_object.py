@@ -14,7 +14,7 @@ from helpers.policies import proposed, ready
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.evaluation.policies import as_policy
-from ibdata.policies import Decision, Policy
+from ibdata.policies import AnyPolicy, Decision, Needs, Policy
 from ibdata.policies.checked import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
@@ -189,3 +189,37 @@ def test_a_policy_of_a_user_keeps_its_name_in_an_experiment():
     within = {"kind": "epsilon_greedy", "base": Named(name="one"), "epsilon": 0.1}
     with pytest.raises(ibdata.IbdataError, match="found a name in the base, expected the name beside"):
         ibdata.Experiment(name="x", setpoints=70, policies=[within])
+
+
+class Around(Policy):
+    """A policy of a user around another one."""
+
+    kind: Literal["around"] = "around"
+    base: AnyPolicy
+
+    @property
+    def needs(self):
+        return self.base.needs
+
+    def decide(self, observed):
+        return self.base.decide(observed)
+
+
+class Counting:
+    """Remembers the number of steps."""
+
+    needs = Needs(history=2, memory=1)
+
+    def decide(self, observed):
+        assert observed.observations.shape[1] == 2
+        return Decision(np.tile(observed.memory / 10.0, 3), observed.memory + 1.0)
+
+
+@pytest.mark.parametrize("target", [Counting(), Around(base=Counting())], ids=["object", "policy"])
+def test_a_policy_of_a_user_may_be_around_an_object(target):
+    """Also within other policies, which ask for its needs before it is loaded."""
+    around = Around(base=target)
+    assert ibdata.Experiment(name="x", setpoints=70, policies=[around]).policies[0].history == 2
+    within = {"kind": "epsilon_greedy", "base": around, "epsilon": 0.0}
+    found = ibdata.evaluate([Counting(), around, within], steps=5, episodes=2)
+    assert (found.returns == found.returns[0]).all()
