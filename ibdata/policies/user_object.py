@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from copy import deepcopy
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -312,20 +313,21 @@ class Custom(UserObject):
 
     def _object_of(self, target: Any) -> Any:
         """What the target is, or makes of `params`."""
+        params = deepcopy(self.params)  # which the object may change
         if inspect.isfunction(target):
             parameters = inspect.signature(target).parameters.values()
             first = next((parameter.name for parameter in parameters), "")
             if first == "observations":
-                return partial(target, **self.params) if self.params else target
+                return partial(target, **params) if params else target
             positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
             needed = [x.name for x in parameters if x.kind in positional and x.default is x.empty]
-            if not self.params and needed:
+            if not params and needed:
                 raise PolicyError(
                     f"{self.target}: found a function of {', '.join(needed)}, expected one whose first "
                     "parameter is `observations`, or params for one that makes a policy"
                 )
         acts = not isinstance(target, type) and (has_method(target) or is_torch_module(target))
-        return target(**self.params) if callable(target) and not acts else target
+        return target(**params) if callable(target) and not acts else target
 
     def _refuse_other_form(self, actor: Any) -> None:
         """PolicyError for an object that needs more than the options say, or states a density itself."""
