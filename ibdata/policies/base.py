@@ -204,6 +204,10 @@ class Policy(FrozenModel):
         plain = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
         return {"kind": self.kind, **{key: _form(getattr(self, key), inner) for key, inner in plain.items()}}
 
+    def is_same(self, other: Policy) -> bool:
+        """Whether another policy acts as this one does: it has the same class and form."""
+        return type(self) is type(other) and self.form() == other.form()
+
 
 def _policies_in(value: Any) -> Iterator[Policy]:
     """Yield the policies in the value of an option, without those of which they are made."""
