@@ -88,8 +88,26 @@ class UserObject(Policy):
         acting.callback(os.chdir, acting.folder)  # the object may go elsewhere
         copy = self.__copy__()
         target = copy._made(acting)
+        self._refuse_other_form(target)
         copy._adapter = Adapter(target.loaded(acting) if isinstance(target, Policy) else target)
         return copy
+
+    def _refuse_other_form(self, actor: Any) -> None:
+        """PolicyError for an object that needs more than the options say, or states a density itself."""
+        try:
+            refuse_density(actor)
+        except TypeError as error:
+            raise PolicyError(f"{self.code_target}: {error}") from None
+        needs = needs_of(actor, self.history, self.draws)
+        for option, number, least in (
+            ("history", self.history, needs.history),
+            ("draws", self.draws, needs.draws),
+        ):
+            if number < least:
+                raise PolicyError(
+                    f"{self.code_target}: found {option}: {number}, expected at least the needs of "
+                    f"{type(actor).__name__}; write {option}: {least}"
+                )
 
     def _made(self, acting: Acting) -> Any:
         """The object, which is found or made."""
@@ -308,7 +326,6 @@ class Custom(UserObject):
             raise PolicyError(line) from error
         if not can_act(actor):
             raise PolicyError(f"{self.target}: found {type(actor).__name__}, expected {EXPECTED}")
-        self._refuse_other_form(actor)
         return actor
 
     def _object_of(self, target: Any) -> Any:
@@ -328,20 +345,3 @@ class Custom(UserObject):
                 )
         acts = not isinstance(target, type) and (has_method(target) or is_torch_module(target))
         return target(**params) if callable(target) and not acts else target
-
-    def _refuse_other_form(self, actor: Any) -> None:
-        """PolicyError for an object that needs more than the options say, or states a density itself."""
-        try:
-            refuse_density(actor)
-        except TypeError as error:
-            raise PolicyError(f"{self.target}: {error}") from None
-        needs = needs_of(actor, self.history, self.draws)
-        for option, number, least in (
-            ("history", self.history, needs.history),
-            ("draws", self.draws, needs.draws),
-        ):
-            if number < least:
-                raise PolicyError(
-                    f"{self.target}: found {option}: {number}, expected at least the needs of "
-                    f"{type(actor).__name__}; write {option}: {least}"
-                )

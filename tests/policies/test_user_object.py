@@ -12,7 +12,7 @@ import pytest
 from helpers.policies import proposed, ready
 
 import ibdata
-from ibdata.errors import UsageError
+from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.policies import as_policy
 from ibdata.policies import AnyPolicy, Decision, Needs, Policy
 from ibdata.policies.checked import AnswerError
@@ -223,3 +223,13 @@ def test_a_policy_of_a_user_may_be_around_an_object(target):
     within = {"kind": "epsilon_greedy", "base": around, "epsilon": 0.0}
     found = ibdata.evaluate([Counting(), around, within], steps=5, episodes=2)
     assert (found.returns == found.returns[0]).all()
+
+
+def test_a_block_around_a_policy_must_give_what_it_needs():
+    """Else it would read beyond what it is given."""
+    block = {"kind": "custom", "target": Around(base=Counting()), "history": 1}
+    line = "^live:Around: found history: 1, expected at least the needs of Around; write history: 2$"
+    with pytest.raises(PolicyError, match=line):
+        ibdata.evaluate(block, steps=3, episodes=2)
+    evaluated = ibdata.evaluate([{**block, "history": 3}, Counting()], steps=3, episodes=2)
+    assert (evaluated.returns[0] == evaluated.returns[1]).all()
