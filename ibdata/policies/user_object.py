@@ -25,8 +25,8 @@ from pydantic import (
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
-from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of
-from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy, refuse_density
+from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of, refuse_other_form
+from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy, is_deterministic
 from ibdata.policies.checked import refuse_impure
 from ibdata.policies.code import (
     Acting,
@@ -88,26 +88,9 @@ class UserObject(Policy):
         acting.callback(os.chdir, acting.folder)  # the object may go elsewhere
         copy = self.__copy__()
         target = copy._made(acting)
-        self._refuse_other_form(target)
+        refuse_other_form(target, self.code_target, self.history, self.draws)
         copy._adapter = Adapter(target.loaded(acting) if isinstance(target, Policy) else target)
         return copy
-
-    def _refuse_other_form(self, actor: Any) -> None:
-        """PolicyError for an object that needs more than the options say, or states a density itself."""
-        try:
-            refuse_density(actor)
-        except TypeError as error:
-            raise PolicyError(f"{self.code_target}: {error}") from None
-        needs = needs_of(actor, self.history, self.draws)
-        for option, number, least in (
-            ("history", self.history, needs.history),
-            ("draws", self.draws, needs.draws),
-        ):
-            if number < least:
-                raise PolicyError(
-                    f"{self.code_target}: found {option}: {number}, expected at least the needs of "
-                    f"{type(actor).__name__}; write {option}: {least}"
-                )
 
     def _made(self, acting: Acting) -> Any:
         """The object, which is found or made."""
@@ -188,14 +171,17 @@ class ObjectPolicy(UserObject):
     @model_validator(mode="before")
     @classmethod
     def _as_it_needs(cls, data: Any) -> Any:
-        """Let an object set its own needs and name, unless they are given."""
+        """Let an object set its needs and a policy also its name and promise, unless they are given."""
         target = data.get("target", "") if isinstance(data, dict) else ""
         if isinstance(target, str):
             return data
         if not can_act(target):
             raise Problems([(("target",), f"found {excerpt(target)}, expected {EXPECTED}")])
-        needs, name = needs_of(target), target.name if isinstance(target, Policy) else None
-        return {"history": max(1, needs.history), "draws": needs.draws, "name": name, **data}
+        needs = needs_of(target)
+        own: dict[str, Any] = {"history": max(1, needs.history), "draws": needs.draws}
+        if isinstance(target, Policy):
+            own |= {"name": target.name, "deterministic": bool(is_deterministic(target)) and not needs.draws}
+        return {**own, **data}
 
     @cached_property
     def inner(self) -> tuple[Policy, ...]:

@@ -14,7 +14,7 @@ from helpers.policies import proposed, ready
 import ibdata
 from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.policies import as_policy
-from ibdata.policies import AnyPolicy, Decision, Needs, Policy
+from ibdata.policies import AnyPolicy, Decision, Deterministic, Needs, Policy
 from ibdata.policies.checked import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
@@ -233,3 +233,26 @@ def test_a_block_around_a_policy_must_give_what_it_needs():
         ibdata.evaluate(block, steps=3, episodes=2)
     evaluated = ibdata.evaluate([{**block, "history": 3}, Counting()], steps=3, episodes=2)
     assert (evaluated.returns[0] == evaluated.returns[1]).all()
+
+
+class Certain(Deterministic):
+    """A policy of a user that draws nothing."""
+
+    kind: Literal["certain"] = "certain"
+
+    def decide(self, observed):
+        return Decision(np.zeros((len(observed.step), 3)), observed.memory)
+
+
+def test_a_deterministic_policy_of_a_user_may_be_the_base_of_noise():
+    """Its class is the promise that it draws nothing."""
+
+    class Drawing(Certain):
+        needs = Needs(draws=3)
+
+    noisy = {"kind": "gaussian", "base": Certain(), "scale": 0.1}
+    own, shipped = ibdata.evaluate([noisy, {**noisy, "base": "constant"}], steps=30, episodes=50).results
+    assert own.mean_return == pytest.approx(shipped.mean_return, abs=5 * own.standard_error)
+    for base in (Named(), Drawing()):
+        with pytest.raises(ibdata.IbdataError, match="found live without deterministic: true"):
+            as_policy({**noisy, "base": base})
