@@ -155,7 +155,7 @@ def importance(
     with loaded([evaluated, *behaviours.values()]) as [evaluated, *acting]:
         objects = [part for behaviour in acting for part in behaviour.everywhere(UserObject)]
         refuse_changed(stored.manifest.code, objects, stored.name)
-        if any(evaluated.form() != behaviour.form() for behaviour in acting):
+        if not all(map(evaluated.is_same, acting)):
             refuse_remembered_draws(evaluated)
         ready = dict(zip(behaviours, acting, strict=True))
         for part in parts:

@@ -114,7 +114,7 @@ def log_ratios(
     of_target, actions = _of_target(episodes.played_by(target), recorded)
     _refuse_unknown(target.label, of_target.recorded)
     ratio = of_target.recorded - log_prob
-    if target.form() == behaviour.form():
+    if target.is_same(behaviour):
         return Ratios(ratio, np.zeros_like(ratio))
     acting = episodes.played_by(behaviour, label=episodes.label)
     of_behaviour = _Densities(*replay(acting, *recorded, _densities, recorded.actions, actions))

@@ -198,11 +198,9 @@ def with_references(policies: Sequence[Policy], dynamics: str) -> tuple[list[Pol
     for kind in REFERENCES:
         options = {"dynamics": dynamics} if kind == EXPERT else {}
         reference = POLICIES[kind].model_validate({"kind": kind, **options})
-        forms = [policy.form() for policy in played]
-        if reference.form() not in forms:
-            played.append(reference)
-            forms.append(reference.form())
-        places.append(forms.index(reference.form()))
+        same = [i for i, policy in enumerate(played) if policy.is_same(reference)]
+        places.append(same[0] if same else len(played))
+        played += [] if same else [reference]
     return played, places
 
 

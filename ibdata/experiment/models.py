@@ -37,7 +37,6 @@ from ibdata.experiment.messages import refusals
 from ibdata.experiment.scenario import Cell, Dynamics, Scenario
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
-from ibdata.policies.network import Network
 from ibdata.policies.user_object import ObjectPolicy
 
 if TYPE_CHECKING:
@@ -110,8 +109,7 @@ class Experiment(FrozenModel):
     @property
     def context(self) -> dict[str, Any]:
         """The folder, and the weights of all networks by their SHA-256, so that a copy needs no file."""
-        weights = {network.sha256: network.weights for network in self.everywhere(Network)}
-        return {"folder": self._folder, "weights": weights}
+        return {**super().context, "folder": self._folder}
 
     @property
     def variant(self) -> Variant:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import IbdataError, UsageError
-from ibdata.policies.base import Floats, Needs, Observed, Policy, Steps
+from ibdata.errors import IbdataError, PolicyError, UsageError
+from ibdata.policies.base import Floats, Needs, Observed, Policy, Steps, refuse_density
 from ibdata.policies.checked import AnswerError, actions, ask, decision, numbers
 from ibdata.policies.code import apart_from_results, error_line
 from ibdata.policies.distributions import Certain, Distribution, Unknown
@@ -175,6 +175,21 @@ def needs_of(target: Any, history: int = 1, draws: int = 0) -> Needs:
     """The needs of an object: its attribute `needs` if it has one, else these."""
     needs: Needs = target.needs if has_needs(target) else Needs(history, draws)
     return needs
+
+
+def refuse_other_form(actor: Any, place: str, history: int, draws: int) -> None:
+    """PolicyError for an object that needs more than these numbers, or states a density itself."""
+    try:
+        refuse_density(actor)
+    except TypeError as error:
+        raise PolicyError(f"{place}: {error}") from None
+    needs = needs_of(actor, history, draws)
+    for option, number, least in (("history", history, needs.history), ("draws", draws, needs.draws)):
+        if number < least:
+            raise PolicyError(
+                f"{place}: found {option}: {number}, expected at least the needs of "
+                f"{type(actor).__name__}; write {option}: {least}"
+            )
 
 
 def _parameters(call: Any) -> list[inspect.Parameter]:

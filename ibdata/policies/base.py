@@ -116,7 +116,11 @@ class FrozenModel(BaseModel):
     @property
     def context(self) -> dict[str, Any]:
         """What a copy is checked with: the `folder` of files, and known `weights` by their SHA-256."""
-        return {}
+        context: dict[str, Any] = {"weights": {}}
+        for policy in self.inner:
+            weights = {**context["weights"], **policy.context["weights"]}
+            context = {**policy.context, **context, "weights": weights}
+        return context
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, type(self)) and self.options() == other.options()
@@ -199,6 +203,10 @@ class Policy(FrozenModel):
         """The kind and the options that differ from their defaults, from which digests are computed."""
         plain = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
         return {"kind": self.kind, **{key: _form(getattr(self, key), inner) for key, inner in plain.items()}}
+
+    def is_same(self, other: Policy) -> bool:
+        """Whether another policy acts as this one does: it has the same class and form."""
+        return type(self) is type(other) and self.form() == other.form()
 
 
 def _policies_in(value: Any) -> Iterator[Policy]:

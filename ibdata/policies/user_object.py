@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from copy import deepcopy
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -21,10 +22,11 @@ from pydantic import (
     WithJsonSchema,
     model_validator,
 )
+from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
-from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of
-from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy, refuse_density
+from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of, refuse_other_form
+from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy, is_deterministic
 from ibdata.policies.checked import refuse_impure
 from ibdata.policies.code import (
     Acting,
@@ -78,14 +80,15 @@ class UserObject(Policy):
 
     @property
     def needs(self) -> Needs:
-        """The options; an object with `decide` also says what it remembers and draws for an episode."""
-        needs = needs_of(self.adapter.target, self.history, self.draws)
+        """The options; a loaded object with `decide` also says what it remembers and draws for an episode."""
+        needs = needs_of(self._adapter and self._adapter.target)
         return needs._replace(history=self.history, draws=self.draws)
 
     def loaded(self, acting: Acting) -> Self:
         acting.callback(os.chdir, acting.folder)  # the object may go elsewhere
         copy = self.__copy__()
         target = copy._made(acting)
+        refuse_other_form(target, self.code_target, self.history, self.draws)
         copy._adapter = Adapter(target.loaded(acting) if isinstance(target, Policy) else target)
         return copy
 
@@ -168,14 +171,17 @@ class ObjectPolicy(UserObject):
     @model_validator(mode="before")
     @classmethod
     def _as_it_needs(cls, data: Any) -> Any:
-        """Let an object set its own needs and name, unless they are given."""
+        """Let an object set its needs and a policy also its name and promise, unless they are given."""
         target = data.get("target", "") if isinstance(data, dict) else ""
         if isinstance(target, str):
             return data
         if not can_act(target):
             raise Problems([(("target",), f"found {excerpt(target)}, expected {EXPECTED}")])
-        needs, name = needs_of(target), target.name if isinstance(target, Policy) else None
-        return {"history": max(1, needs.history), "draws": needs.draws, "name": name, **data}
+        needs = needs_of(target)
+        own: dict[str, Any] = {"history": max(1, needs.history), "draws": needs.draws}
+        if isinstance(target, Policy):
+            own |= {"name": target.name, "deterministic": bool(is_deterministic(target)) and not needs.draws}
+        return {**own, **data}
 
     @cached_property
     def inner(self) -> tuple[Policy, ...]:
@@ -247,15 +253,19 @@ class Custom(UserObject):
     _folder: Path | None = PrivateAttr(None)  # of the YAML file
     _places: Places = PrivateAttr(())  # in which the code, and the files that it reads, are looked for
 
-    @model_validator(mode="after")
-    def _of_file(self, info: ValidationInfo) -> Custom:
-        self._folder = (info.context or {}).get("folder")
-        return self
+    @model_validator(mode="wrap")
+    @classmethod
+    def _of_file(cls, data: Any, handler: ModelWrapValidatorHandler[Custom], info: ValidationInfo) -> Custom:
+        """Keep the folder of a block; a policy that is given has its own."""
+        policy = handler(data)
+        if not isinstance(data, Policy):
+            policy._folder = (info.context or {}).get("folder")
+        return policy
 
     @property
     def context(self) -> dict[str, Any]:
-        """The folder of the YAML file."""
-        return {"folder": self._folder}
+        """The folder of the YAML file of the block."""
+        return {**super().context, "folder": self._folder}
 
     @property
     def code_target(self) -> str:
@@ -302,39 +312,22 @@ class Custom(UserObject):
             raise PolicyError(line) from error
         if not can_act(actor):
             raise PolicyError(f"{self.target}: found {type(actor).__name__}, expected {EXPECTED}")
-        self._refuse_other_form(actor)
         return actor
 
     def _object_of(self, target: Any) -> Any:
         """What the target is, or makes of `params`."""
+        params = deepcopy(self.params)  # which the object may change
         if inspect.isfunction(target):
             parameters = inspect.signature(target).parameters.values()
             first = next((parameter.name for parameter in parameters), "")
             if first == "observations":
-                return partial(target, **self.params) if self.params else target
+                return partial(target, **params) if params else target
             positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
             needed = [x.name for x in parameters if x.kind in positional and x.default is x.empty]
-            if not self.params and needed:
+            if not params and needed:
                 raise PolicyError(
                     f"{self.target}: found a function of {', '.join(needed)}, expected one whose first "
                     "parameter is `observations`, or params for one that makes a policy"
                 )
         acts = not isinstance(target, type) and (has_method(target) or is_torch_module(target))
-        return target(**self.params) if callable(target) and not acts else target
-
-    def _refuse_other_form(self, actor: Any) -> None:
-        """PolicyError for an object that needs more than the options say, or states a density itself."""
-        try:
-            refuse_density(actor)
-        except TypeError as error:
-            raise PolicyError(f"{self.target}: {error}") from None
-        needs = needs_of(actor, self.history, self.draws)
-        for option, number, least in (
-            ("history", self.history, needs.history),
-            ("draws", self.draws, needs.draws),
-        ):
-            if number < least:
-                raise PolicyError(
-                    f"{self.target}: found {option}: {number}, expected at least the needs of "
-                    f"{type(actor).__name__}; write {option}: {least}"
-                )
+        return target(**params) if callable(target) and not acts else target

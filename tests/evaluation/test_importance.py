@@ -14,7 +14,7 @@ from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.importance import of_ratios
 from ibdata.evaluation.overlap import Ratios, log_ratios
 from ibdata.experiment import Experiment
-from ibdata.policies import ClippedNormal, Decision, Distribution, Needs
+from ibdata.policies import POLICIES, Certain, ClippedNormal, Decision, Distribution, Needs
 
 
 def test_where_only_the_behaviour_has_a_mass_the_ratio_is_0():
@@ -250,3 +250,12 @@ def test_episodes_of_different_lengths_are_refused(dataset, tmp_path):
     with pytest.raises(UsageError, match="steps: found episodes of 5 and of 6, expected one length"):
         ibdata.importance(both, "random")
     assert ibdata.importance(both, "random", steps=5).weights.shape == (120, 5)
+
+
+def test_a_subclass_is_not_the_policy_of_the_data(dataset):
+    class Other(POLICIES["random"]):
+        def decide(self, observed):
+            return Decision(Certain(np.zeros((len(observed.step), 3))), observed.memory)
+
+    with pytest.raises(UsageError, match="actions are taken by random, the policy of the data, less than"):
+        ibdata.importance(dataset, Other(), policy="random")

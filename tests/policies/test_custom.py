@@ -107,3 +107,11 @@ def test_evaluating_a_file_that_names_code_needs_leave(mine):
     from_file = ibdata.evaluate("p.yaml", steps=3, episodes=2, allow_code=True)
     typed = ibdata.evaluate({"kind": "custom", "target": "mine:actor", "draws": 3}, steps=3, episodes=2)
     assert from_file.returns.tolist() == typed.returns.tolist()
+
+
+def test_code_may_change_its_params(mine):
+    """They are its own: the block, which is recorded, stays as it is."""
+    code = "def made(layers):\n    layers.append(9)\n    return lambda observations: observations[:, 1:4]\n"
+    (mine / "changing.py").write_text(code)
+    policy = Custom(target="changing.py:made", params={"layers": [1]})
+    assert ready(policy).params == ready(policy).params == policy.params == {"layers": [1]}

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import sys
+from pathlib import Path
 
 import pytest
 from helpers.own_code import described
+from helpers.policies import ready
 
 import ibdata
 from ibdata.errors import UsageError
+from ibdata.evaluation.policies import as_policy
 from ibdata.experiment import as_yaml
 
 BESIDE = """
@@ -80,3 +83,16 @@ def test_a_missing_file_is_expected_in_places_that_are_named(beside, tmp_path):
     assert ibdata.reproduce("out", allow_code=True) == (2, [])
     again = ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)
     assert again.content_root == ibdata.open("out").content_root
+
+
+def test_a_policy_keeps_its_folder_where_it_is_checked_again(beside, tmp_path):
+    """In an experiment and an evaluation; and a copy of a policy around it has the folder too."""
+    block = "{kind: custom, target: policy_beside.py:Own}"
+    (tmp_path / "exp/around.yaml").write_text(f"{{kind: epsilon_greedy, base: {block}, epsilon: 0.1}}")
+    around = as_policy("exp/around.yaml", allow_code=True)
+    described = {"name": "x", "setpoints": 70, "policies": [around.base]}
+    made = [ibdata.Experiment(**described), ibdata.load(described)]
+    changed = around.model_copy(update={"epsilon": 0.2})
+    new = around.model_copy(update={"base": {"kind": "custom", "target": "policy_beside.py:Own", "draws": 1}})
+    for policy in [around, changed, new, *(each.policies[0] for each in made)]:
+        assert ready(policy).context["folder"] == Path("exp")

@@ -10,7 +10,8 @@ from helpers import networks
 from helpers.policies import proposed
 from pydantic import ValidationError
 
-from ibdata.experiment import load
+from ibdata.errors import ConfigError
+from ibdata.experiment import Experiment, load
 from ibdata.policies import weights_file
 from ibdata.policies.network import TANH_EDGE as EDGE
 from ibdata.policies.network import Network
@@ -118,3 +119,11 @@ def test_an_experiment_holds_the_weights_of_a_file_once(saved):
     policies = [block, {"kind": "gaussian", "base": block, "scale": 0.1}]
     plain, noisy = load({"name": "x", "setpoints": 70, "policies": policies}).policies
     assert plain.weights is noisy.base.weights
+
+
+def test_plain_data_of_an_experiment_says_where_its_weights_are(saved):
+    made = Experiment(name="x", setpoints=70, policies=[saved()])
+    assert load(made) == made
+    line = r"^policies\.0\.file: found no file 'policy-.*; give the experiment itself, or copy .*$"
+    with pytest.raises(ConfigError, match=line):
+        load(made.plain())

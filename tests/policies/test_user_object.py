@@ -12,9 +12,9 @@ import pytest
 from helpers.policies import proposed, ready
 
 import ibdata
-from ibdata.errors import UsageError
+from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.policies import as_policy
-from ibdata.policies import Decision, Policy
+from ibdata.policies import AnyPolicy, Decision, Deterministic, Needs, Policy
 from ibdata.policies.checked import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
@@ -189,3 +189,70 @@ def test_a_policy_of_a_user_keeps_its_name_in_an_experiment():
     within = {"kind": "epsilon_greedy", "base": Named(name="one"), "epsilon": 0.1}
     with pytest.raises(ibdata.IbdataError, match="found a name in the base, expected the name beside"):
         ibdata.Experiment(name="x", setpoints=70, policies=[within])
+
+
+class Around(Policy):
+    """A policy of a user around another one."""
+
+    kind: Literal["around"] = "around"
+    base: AnyPolicy
+
+    @property
+    def needs(self):
+        return self.base.needs
+
+    def decide(self, observed):
+        return self.base.decide(observed)
+
+
+class Counting:
+    """Remembers the number of steps."""
+
+    needs = Needs(history=2, memory=1)
+
+    def decide(self, observed):
+        assert observed.observations.shape[1] == 2
+        return Decision(np.tile(observed.memory / 10.0, 3), observed.memory + 1.0)
+
+
+@pytest.mark.parametrize("target", [Counting(), Around(base=Counting())], ids=["object", "policy"])
+def test_a_policy_of_a_user_may_be_around_an_object(target):
+    """Also within other policies, which ask for its needs before it is loaded."""
+    around = Around(base=target)
+    assert ibdata.Experiment(name="x", setpoints=70, policies=[around]).policies[0].history == 2
+    within = {"kind": "epsilon_greedy", "base": around, "epsilon": 0.0}
+    found = ibdata.evaluate([Counting(), around, within], steps=5, episodes=2)
+    assert (found.returns == found.returns[0]).all()
+
+
+def test_a_block_around_a_policy_must_give_what_it_needs():
+    """Else it would read beyond what it is given."""
+    block = {"kind": "custom", "target": Around(base=Counting()), "history": 1}
+    line = "^live:Around: found history: 1, expected at least the needs of Around; write history: 2$"
+    with pytest.raises(PolicyError, match=line):
+        ibdata.evaluate(block, steps=3, episodes=2)
+    evaluated = ibdata.evaluate([{**block, "history": 3}, Counting()], steps=3, episodes=2)
+    assert (evaluated.returns[0] == evaluated.returns[1]).all()
+
+
+class Certain(Deterministic):
+    """A policy of a user that draws nothing."""
+
+    kind: Literal["certain"] = "certain"
+
+    def decide(self, observed):
+        return Decision(np.zeros((len(observed.step), 3)), observed.memory)
+
+
+def test_a_deterministic_policy_of_a_user_may_be_the_base_of_noise():
+    """Its class is the promise that it draws nothing."""
+
+    class Drawing(Certain):
+        needs = Needs(draws=3)
+
+    noisy = {"kind": "gaussian", "base": Certain(), "scale": 0.1}
+    own, shipped = ibdata.evaluate([noisy, {**noisy, "base": "constant"}], steps=30, episodes=50).results
+    assert own.mean_return == pytest.approx(shipped.mean_return, abs=5 * own.standard_error)
+    for base in (Named(), Drawing()):
+        with pytest.raises(ibdata.IbdataError, match="found live without deterministic: true"):
+            as_policy({**noisy, "base": base})
