@@ -167,10 +167,10 @@ def find(file: str, sha256: str | None, folder: Path | None, known: dict[str, We
         weights = Weights(plain_bytes(path, MAX_BYTES))
     except FileNotFoundError:
         where = "beside the YAML file" if folder else "in the current folder"
-        names = f" or one of {', '.join(shipped)}" if shipped else ""
-        copied = sha256 is not None and file == name_of(sha256)
-        remedy = "; give the experiment itself, or copy the file from meta/ of its dataset" if copied else ""
-        raise ValueError(f"found no file {file!r}, expected one {where}{names}{remedy}") from None
+        hint = f" or one of {', '.join(shipped)}" if shipped else ""
+        if sha256 is not None and file == name_of(sha256):
+            hint = "; give the experiment itself, or copy the file from meta/ of its dataset"
+        raise ValueError(f"found no file {file!r}, expected one {where}{hint}") from None
     except OSError as error:
         raise ValueError(f"{file}: cannot be read: {error.strerror}") from None
     except ValueError as error:
