@@ -219,6 +219,6 @@ progress_option = click.option(
 allow_code_option = click.option(
     "--allow-code",
     is_flag=True,
-    help="Allow custom policies that a file names, which run arbitrary Python code. Use only with code you trust. --debug "
-    "shows the traceback of an error in it.",
+    help="Allow custom policies that a file names, which run arbitrary Python code. Use only with code you "
+    "trust. --debug shows the traceback of an error in it.",
 )
