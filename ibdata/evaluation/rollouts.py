@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
-from ibdata._numerics.random import Purpose, Raw, integers, stream_key
-from ibdata._simulation.carry import Carry, begin_lanes
+from ibdata._numerics.random import Purpose, Raw, stream_key
+from ibdata._simulation.carry import Carry, begin
 from ibdata._simulation.episodes import Episodes, Float32s, Ints, World, observed_rows, record_rows, values_of
 from ibdata._simulation.unroll import LANES, unroll
 from ibdata._system.memory import refuse_too_much
@@ -24,7 +23,7 @@ from ibdata.evaluation.play import rewarded, rewards_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment.rollout import episodes_of
 from ibdata.experiment.scenario import form_digest, scenario_of
-from ibdata.policies.actions import clip_and_round
+from ibdata.policies.actions import finite_actions
 from ibdata.policies.baselines import Constant
 from ibdata.views.options import View, ViewOptions, Window, view_of
 from ibdata.views.rewards import scaled
@@ -182,9 +181,8 @@ def _begun(start: Any, rows: Any, noise: int | str) -> Iterator[Begun]:
             raise UsageError(f"start: found {min(unknown)}, expected setpoint, start and dynamics")
         scenario = scenario_of(**start)
         world, setpoints = scenario.world, np.array(scenario.points)
-        lanes = np.arange(len(setpoints))
-        draw = partial(_addressed, np.tile(key, (len(lanes), 1)))
-        carry = begin_lanes(world, draw, lanes, setpoints, WATCHER.needs)
+        lanes, keys = np.arange(len(setpoints)), np.tile(key, (len(setpoints), 1))
+        carry = begin(Episodes(world, WATCHER, WATCHER.label, keys, keys, lanes, setpoints, lanes))
     else:
         raise UsageError(
             f"start: found {excerpt(start)}, expected a dataset with rows=, a State, or settings such as "
@@ -193,10 +191,6 @@ def _begun(start: Any, rows: Any, noise: int | str) -> Iterator[Begun]:
     numbers = np.arange(carry.state.lanes)
     keys, first = np.tile(key, (len(numbers), 1)), np.full_like(numbers, first_step)
     yield Begun(world, numbers, carry, keys, numbers, first)
-
-
-def _addressed(keys: Raw, lanes: Ints, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
-    return integers(keys[lanes], lanes, purpose, step, steps, slots)
 
 
 def _play(begun: Begun, actions: Float32s, samples: int, view: ViewOptions, out: Rollouts) -> None:
@@ -243,18 +237,11 @@ def _frames(window: Window, clean: Float32s, actions: Float32s) -> Float32s:
 
 def _applied(actions: npt.ArrayLike, n: int) -> Float32s:
     """Sequences of actions (n, k, h, 3), clipped and rounded. Raises UsageError if they are none."""
-    try:
-        proposed = np.asarray(actions)
-        proposed = np.empty(0) if np.iscomplexobj(proposed) else proposed.astype(np.float64)
-    except (TypeError, ValueError):
-        proposed = np.empty(0)
-    out = np.empty(proposed.shape, dtype=np.float32)
-    shape: tuple[int, ...] = out.shape
-    fits = len(shape) == 3 or (len(shape) == 4 and shape[0] == n)
-    fits = fits and shape[-1] == 3 and out.size > 0
-    if not fits or clip_and_round(proposed.reshape(-1, 3), out.reshape(-1, 3)) < 0:
+    sequences = finite_actions(actions)
+    shape = () if sequences is None else sequences.shape
+    if sequences is None or len(shape) not in (3, 4) or shape[:-3] not in ((), (n,)) or not sequences.size:
         raise UsageError(
             f"actions: found {excerpt(actions, 80)}, expected (k, h, 3) or ({n}, k, h, 3) finite numbers: "
             "sequences of changes of velocity, gain and shift in [-1, 1]"
         )
-    return np.broadcast_to(out, (n, *shape[-3:]))
+    return np.broadcast_to(sequences, (n, *shape[-3:]))

@@ -24,7 +24,7 @@ from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import form_digest, scenario_of
 from ibdata.policies import Policy
-from ibdata.policies.actions import clip_and_round
+from ibdata.policies.actions import finite_actions
 
 
 def branches_at(
@@ -225,14 +225,10 @@ def true_values(
 
 def _applied(actions: npt.ArrayLike, n: int) -> Float32s:
     """Actions (n, 3), clipped and rounded. Raises UsageError if they are none."""
-    try:
-        proposed = np.array(actions, dtype=np.float64)
-    except (TypeError, ValueError):
-        proposed = np.empty(0)
-    out = np.empty((n, 3), dtype=np.float32)
-    if proposed.shape != out.shape or clip_and_round(proposed, out) < 0:
+    clipped = finite_actions(actions)
+    if clipped is None or clipped.shape != (n, 3):
         raise UsageError(
             f"actions: found {excerpt(actions, 80)}, expected ({n}, 3) finite numbers: "
             "for each row the changes of velocity, gain and shift in [-1, 1]"
         )
-    return out
+    return clipped

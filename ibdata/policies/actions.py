@@ -65,6 +65,20 @@ def applied(proposed: npt.ArrayLike) -> npt.NDArray[np.float32]:
     return out
 
 
+def finite_actions(proposed: npt.ArrayLike) -> npt.NDArray[np.float32] | None:
+    """Actions (…, 3) that a user gave, clipped and rounded; None if they are not finite real numbers."""
+    try:
+        numbers = np.asarray(proposed)
+        numbers = np.empty(0) if np.iscomplexobj(numbers) else numbers.astype(np.float64)
+    except (TypeError, ValueError):
+        return None
+    if numbers.ndim == 0 or numbers.shape[-1] != 3:
+        return None
+    out = np.empty(numbers.shape, dtype=np.float32)
+    is_finite = clip_and_round(numbers.reshape(-1, 3), out.reshape(-1, 3)) >= 0
+    return out if is_finite else None
+
+
 def read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """The same array, which cannot be changed through it."""
     view = array.view()
