@@ -204,18 +204,23 @@ class Dataset(Episodes):
         Returns:
             observations and next_observations (N, 6 · history), actions (N, 3), rewards, terminated,
             truncated, episode and step (N,), and the further columns by name; costs (N,) if the view has a
-            cost. If the view observes values that the dataset does not have after the last row of an episode,
-            that row is left out.
+            cost; expert_actions (N, 3) if the dataset has them. If the view observes values that the dataset
+            does not have after the last row of an episode, that row is left out.
 
         Raises:
             UsageError: An argument is invalid, or as in `table`.
             DatasetError: A file is missing or damaged.
         """
         drop, options = checked_history(history, pad), view_of(view)
-        more = checked_columns(columns, self.stored.info) if len(columns) else []
-        names = list(dict.fromkeys([*needed(self.stored.info, options), *more]))
+        info = self.stored.info
+        more = checked_columns(columns, info) if len(columns) else []
+        expert = info.names("expert_action")
+        names = list(dict.fromkeys([*needed(info, options), *more, *expert]))
         table = self.stored.rows_of(self._chosen(split, setpoint, policy).mask, names)
-        return arrays_of(table, self.stored.info, options, history, drop, more)
+        arrays = arrays_of(table, info, options, history, drop, [*more, *expert])
+        if expert:
+            arrays["expert_actions"] = np.stack([arrays[name] for name in expert], axis=1)
+        return {name: array for name, array in arrays.items() if name not in expert or name in more}
 
     @public
     def windows(

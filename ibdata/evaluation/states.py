@@ -170,7 +170,7 @@ class Source(Addresses):
     def _compared(self, batch: Batch, policy: Policy) -> Carry:
         """Simulate up to the rows of a batch, and compare them with the stored ones."""
         columns, counts = layout(batch.experiment), batch.counts
-        names = [name for i, name in enumerate(columns.names) if i != columns.log_prob]
+        names = list(columns.names[: columns.log_prob])
         stored = self.columns(names, batch.episodes, counts, np.dtype(batch.experiment.output.dtype))
         actions = stored[columns.first_action : columns.first_action + 3].transpose(2, 1, 0)
         invalid = ~(np.abs(actions) <= 1.0)
@@ -181,7 +181,7 @@ class Source(Addresses):
                 f"{actions[step, lane].tolist()}, expected numbers in [-1, 1]; see ibdata validate"
             )
         carry, table = revisit(batch, policy, np.ascontiguousarray(actions, dtype=np.float32))
-        simulated = np.delete(table, columns.log_prob, axis=0).reshape(stored.shape)
+        simulated = table[: columns.log_prob].reshape(stored.shape)
         differing = (stored != simulated) & (np.arange(len(actions)) < counts[:, None])
         if differing.any():
             lane, step, column = np.argwhere(differing.transpose(1, 2, 0))[0]
@@ -222,7 +222,7 @@ def revisit(batch: Batch, policy: Policy, actions: Float32s) -> tuple[Carry, Tab
 
     Returns:
         Where the episodes are before the wanted rows (n,), and the columns of all rows (columns, m · steps),
-        in the order of `rollout`; the column of log densities is 0.
+        in the order of `rollout`; the columns from the log density on hold nothing.
     """
     episodes = episodes_of(batch.experiment, batch.numbers).played_by(policy, number=batch.episodes)
     steps, columns = len(actions), layout(batch.experiment)

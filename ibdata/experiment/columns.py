@@ -44,17 +44,17 @@ def columns(experiment: Experiment) -> list[Column]:
             bounds = variable.low, variable.high
             yield Column(f"{prefix}{name}", role, dtype, variable.unit, *bounds, meaning, name, later)
 
+    def action_columns(prefix: str, role: str, meaning: str) -> Iterator[Column]:
+        for setting in ("velocity", "gain", "shift"):
+            what = f"{meaning} {setting}, at t (always float32)"
+            yield Column(f"{prefix}{setting}", role, dtype, "1", -1, 1, what)
+
+    answers = experiment.output.expert_action
     return [
         Column("episode", "index", "int64", "1", 0, None, "running number of the episode"),
         Column("step", "index", "int32", "1", 0, None, "step t within the episode"),
         *state_columns("obs_", "observation", OBSERVATION, ", at t", False),
-        *(
-            Column(
-                f"act_{setting}", "action", dtype, "1", -1, 1,
-                f"proposed change of {setting}, at t (always float32)",
-            )
-            for setting in ("velocity", "gain", "shift")
-        ),
+        *action_columns("act_", "action", "proposed change of"),
         *state_columns("", "reward", ("reward",), "", True),
         Column("terminated", "flag", "bool", "1", 0, 1, "always false: the benchmark never ends by itself"),
         Column("truncated", "flag", "bool", "1", 0, 1, "true on the last row of an episode"),
@@ -67,6 +67,7 @@ def columns(experiment: Experiment) -> list[Column]:
             "log density of the action: Lebesgue measure on (-1, 1) plus unit masses at ±1 and at a base "
             "policy's own action",
         ),
+        *(action_columns("expert_act_", "expert_action", "the expert's change of") if answers else ()),
     ]  # fmt: skip
 
 
@@ -77,7 +78,7 @@ class Layout(NamedTuple):
     rows: npt.NDArray[np.int64]  # the variables of the record, see `kernel.simulate`
     sources: npt.NDArray[np.int64]  # triples (variable of the record, column, 1 if it is taken at t + 1)
     first_action: int
-    log_prob: int
+    log_prob: int  # what stands after it, the expert's action, is not recorded
 
 
 def layout(experiment: Experiment) -> Layout:

@@ -15,8 +15,11 @@ from ibdata._simulation.replay import replay
 from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
+from ibdata.policies import OBSERVATION
+from ibdata.policies.actions import applied
 from ibdata.policies.compound import PolicyMixture
 from ibdata.policies.distributions import Distribution
+from ibdata.policies.expert import Expert
 
 LEAST_LANES = 64
 # Rows of a table. One table is encoded while the next is filled.
@@ -59,7 +62,33 @@ def rollout(experiment: Experiment, first: int, stop: int, memory: TableBuffer |
         for block in unroll(episodes, begin(episodes), float_layout.rows, steps, densities=True):
             write_columns(block, float_layout, table, (start - first) * steps, steps)
             clipped += block.clipped
+    if experiment.output.expert_action:
+        rows = table.reshape(len(table), stop - first, steps).transpose(1, 2, 0)
+        acted = rows[..., float_layout.first_action :][..., :3]
+        answers = expert_actions(experiment, first, stop, rows[..., : len(OBSERVATION)], acted)
+        table[float_layout.log_prob + 1 :] = answers.reshape(-1, 3).T
     return Columns(float_layout.names, table, clipped)
+
+
+def expert_actions(
+    experiment: Experiment, first: int, stop: int, observations: Table, actions: Table
+) -> Float32s:
+    """The actions (n, steps, 3) that the expert would take in the rows of episodes first … stop - 1.
+
+    It watches the recorded observations (n, steps, 6) and actions (n, steps, 3) up to each row.
+    """
+
+    def action(distribution: Distribution) -> tuple[Float32s]:
+        return (applied(distribution.sample(np.empty((0, 0)))),)  # it draws nothing
+
+    expert = Expert(dynamics=experiment.scenario.base)
+    answers = np.empty(actions.shape, dtype=np.float32)
+    for start, end in blocks(experiment, first, stop):  # blocks limit the memory
+        episodes = episodes_of(experiment, np.arange(start, end)).played_by(expert)
+        rows = slice(start - first, end - first)
+        seen, acted = (recorded[rows].astype(np.float32) for recorded in (observations, actions))
+        [answers[rows]] = replay(episodes, seen, acted, action)
+    return answers
 
 
 def parts(experiment: Experiment, first: int, stop: int) -> Iterator[tuple[int, int]]:

@@ -26,7 +26,8 @@ Array = npt.NDArray[Any]
 Arrays = dict[str, Array]
 
 PARQUET = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
-BESIDE = ("latent", "next_latent", "log_prob")  # roles of columns that are exported beside the transitions
+# Roles of columns that are exported beside the transitions.
+BESIDE = ("latent", "next_latent", "log_prob", "expert_action")
 
 
 class Block(NamedTuple):

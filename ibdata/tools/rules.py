@@ -17,7 +17,7 @@ from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column
 from ibdata.experiment.dataset_spec import Shard
-from ibdata.experiment.rollout import log_densities
+from ibdata.experiment.rollout import expert_actions, log_densities
 from ibdata.generation.pieces import index_columns, policy_numbers
 from ibdata.policies.user_object import UserObject
 
@@ -211,11 +211,22 @@ def density(rows: Rows) -> Found:
     yield from _where(wrong, "action_log_prob", rows, "the policy's log density")
 
 
+def expert_action(rows: Rows) -> Found:
+    """The expert's action is what the expert does at the observations up to the row."""
+    if not rows.experiment.output.expert_action:
+        return
+    first, stop = rows.episodes.first, rows.episodes.stop
+    stored, seen, acted = (rows.stack(role) for role in ("expert_action", "observation", "action"))
+    wrong = stored != expert_actions(rows.experiment, first, stop, seen, acted)
+    for i, setting in enumerate(("velocity", "gain", "shift")):
+        yield from _where(wrong[..., i].ravel(), f"expert_act_{setting}", rows, "the expert's action")
+
+
 RULES: dict[str, Callable[[Rows], Found]] = {
     rule.__name__.replace("_", " "): rule
     for rule in (
         finite, bounds, indices, flags, policy, continuity, reward, setpoint, steering, shift_register,
-        density,
+        density, expert_action,
     )
 }  # fmt: skip
 

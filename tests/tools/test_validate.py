@@ -227,3 +227,22 @@ def test_a_wrong_density_late_in_an_episode_is_found(made, tmp_path, number):
     pq.write_table(table, tmp_path / "x.parquet", **writer_options(columns(experiment)))
     (problem,) = check_shard(DatasetSpec.of(experiment), shard, Storage(tmp_path), "x.parquet")[1]
     assert (problem.rule, problem.row) == ("density", row)
+
+
+def test_an_expert_s_action_that_is_another_is_found(tmp_path):
+    plain = {
+        "name": "x",
+        "setpoints": 20,
+        "policies": ["random"],
+        "steps": 9,
+        "output": {"expert_action": True},
+    }
+    dataset = ibdata.generate(plain, tmp_path / "x", workers=1)
+    spec, table = DatasetSpec.of(ibdata.load(plain)), dataset.stored.rows(0)
+    gain = table["expert_act_gain"].to_numpy().copy()
+    gain[7] = 0.25
+    place = table.schema.get_field_index("expert_act_gain")
+    table = table.set_column(place, table.schema.field(place), pa.array(gain))
+    pq.write_table(table, tmp_path / "x.parquet", **writer_options(columns(spec.experiments[0])))
+    (problem,) = check_shard(spec, spec.shards[0], Storage(tmp_path), "x.parquet")[1]
+    assert (problem.rule, problem.row) == ("expert action", 7)
