@@ -24,7 +24,7 @@ from ibdata._system import processes
 from ibdata._system.signals import STOPPING
 from ibdata.cli._options import Suggesting
 from ibdata.cli._printing import print_json, shortened
-from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, notice, printable
+from ibdata.errors import ConfigError, IbdataError, Interrupted, is_thread_limit, nearest, notice, printable
 from ibdata.version import __version__
 
 COMMANDS = {  # by what they are for; the module of each
@@ -184,8 +184,9 @@ def _instead(error: click.ClickException) -> str | None:
 
     key, command = error.option_name.removeprefix("--"), error.ctx.command
     takes_set = any(parameter.name == "overrides" for parameter in command.params)
-    if takes_set and key in Experiment.model_fields:
-        return f"No such option '--{key}'; expected --set {key}=…, since the experiment has this option."
+    name = nearest(key, Experiment.model_fields)
+    if takes_set and name and (name == key or not error.possibilities):
+        return f"No such option '--{key}'; expected --set {name}=…, since the experiment has this option."
     function = getattr(ibdata, command.name or "", None)
     if inspect.isfunction(function) and key in inspect.signature(function).parameters:
         return f"No such option '--{key}'; it is one of Python's: ibdata.{command.name}(…, {key}=…)."

@@ -120,6 +120,9 @@ def test_an_option_of_the_experiment_is_set_with_set(run):
     code, _, err = run("generate", "random", "--steps", "50")
     assert code == 2
     assert "No such option '--steps'; expected --set steps=…, since" in err
+    assert (
+        "No such option '--episode'; expected --set episodes=…, since" in run("generate", "--episode", "5")[2]
+    )
     assert "--policy" in run("evaluate", "--policies", "safe")[2]
 
 
