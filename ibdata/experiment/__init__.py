@@ -23,6 +23,7 @@ from ibdata.experiment.models import Experiment
 from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 from ibdata.policies.base import FrozenModel
+from ibdata.policies.compound import block_of
 
 # The ways to name an experiment: a path, a shipped name, a mapping, or an Experiment itself.
 Config = Annotated[
@@ -67,7 +68,7 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
     if isinstance(config, Experiment):
-        return _checked(native(config.options()), overrides, seed, config.context)
+        return _checked(native(config.options()), overrides, seed, config.checked_with)
     if isinstance(config, Mapping):
         return _checked(native(config), overrides, seed, {"weights": {}})
     path = find(config)
@@ -167,7 +168,7 @@ def _parsed(override: str) -> tuple[str, Any]:
 def _put(data: Any, key: str, value: Any) -> Loc:
     """Put a value at a dotted key. Returns the shortest new path.
 
-    A missing parent becomes a mapping, and the bare name of a policy becomes its block.
+    A missing parent becomes a mapping, and the bare name or the object of a policy becomes its block.
     """
     if (dotted := re.sub(r"\.?\[['\"]?(\w+)['\"]?\]", r".\1", key)) != key:
         raise UsageError(f"override: found the key {key!r}; did you mean {dotted!r}?")
@@ -180,9 +181,9 @@ def _put(data: Any, key: str, value: Any) -> Loc:
         index = _index(data, part, key)
         path = (*path, index)
         child = data.get(index) if isinstance(data, dict) else data[index]
-        if isinstance(child, str) and path[0] == "policies":
-            child = data[index] = {"kind": child}
-        elif isinstance(child, FrozenModel):
+        if path[0] == "policies":
+            child = data[index] = block_of(child)
+        if isinstance(child, FrozenModel):
             child = data[index] = native(child.options())
         elif not isinstance(child, dict | list):
             child = data[index] = {}

@@ -8,7 +8,6 @@ holds the versions of the packages in use.
 from __future__ import annotations
 
 import importlib.metadata
-import re
 import sys
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -65,7 +64,7 @@ def record(policies: Sequence[UserObject]) -> list[Code]:
         file = policy.target_file()
         entry = Code(
             target=policy.code_target,
-            version=_version(re.split("[.:]", policy.target)[0]) if isinstance(policy, Custom) else None,
+            version=_version(policy.source.partition(".")[0]) if isinstance(policy, Custom) else None,
             sha256=None if file is None else file_sha256(file),
             files={name: file_sha256(path) for name, path in policy.files_used().items()},
         )
@@ -104,7 +103,8 @@ def _version(package: str) -> str | None:
 def changed_here(spec: DatasetSpec, record: Sequence[Code]) -> list[str]:
     """The files of a record whose content differs on this machine. Nothing is imported to find them."""
     subfolders = [Path(), *(Path(code.target.partition(":")[0]).parent for code in record)]
-    places = two_places(Path.cwd(), spec.experiments[0].folder)
+    known = dict.fromkeys(custom.checked_with["folder"] for custom in spec.policies_of(Custom))
+    places = dict.fromkeys(place for folder in known for place in two_places(Path.cwd(), folder))
     folders = [place / subfolder for place in places for subfolder in subfolders]
     folders += map(Path, sys.path)
     names = []

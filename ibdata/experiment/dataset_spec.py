@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
@@ -80,10 +79,8 @@ class DatasetSpec:
         return cls(experiment.name, (experiment,))
 
     @classmethod
-    def from_plain(
-        cls, data: Mapping[str, Any], weights: Mapping[str, bytes], folder: Path | None = None
-    ) -> DatasetSpec:
-        """Read the data of `plain` and `weights`, or of a dataset; code is looked for in the folder too."""
+    def from_plain(cls, data: Mapping[str, Any], weights: Mapping[str, bytes]) -> DatasetSpec:
+        """Read the data of `plain` and `weights`, or of a dataset."""
         known = {}
         for path, content in weights.items():
             try:
@@ -91,9 +88,12 @@ class DatasetSpec:
             except ValueError as error:
                 raise DatasetError(f"{path}: {error}") from None
             known[read.sha256] = read
-        context = {"folder": folder, "weights": known}
+        context = {"weights": known}
         experiments = (Experiment.model_validate(plain, context=context) for plain in data["experiments"])
         return cls(data["name"], tuple(experiments))
+
+    def __reduce__(self) -> tuple[type[DatasetSpec], tuple[Any, ...]]:
+        return DatasetSpec, (self.name, self.experiments, self.later)  # without what was computed
 
     def plain(self) -> dict[str, Any]:
         """Name and experiments as plain data for JSON. No shard needs the later splits."""
@@ -141,15 +141,15 @@ class DatasetSpec:
         return list(dict.fromkeys(experiment.licence for experiment in self.experiments))
 
     @property
-    def context(self) -> dict[str, Any]:
+    def checked_with(self) -> dict[str, Any]:
         """The weights of all networks by their SHA-256, with which the experiments are read."""
-        each = (experiment.context["weights"] for experiment in self.experiments)
+        each = (experiment.checked_with["weights"] for experiment in self.experiments)
         return {"weights": {sha256: weights for of_one in each for sha256, weights in of_one.items()}}
 
     @property
     def weights(self) -> dict[str, bytes]:
         """The contents of the weights files of all networks, by their names in a dataset."""
-        return {weights.name: weights.data for weights in self.context["weights"].values()}
+        return {weights.name: weights.data for weights in self.checked_with["weights"].values()}
 
     def policies_of(self, kind: type[P]) -> list[P]:
         """The policies of a class, including parts of others."""

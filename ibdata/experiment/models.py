@@ -107,9 +107,9 @@ class Experiment(FrozenModel):
         )
 
     @property
-    def context(self) -> dict[str, Any]:
+    def checked_with(self) -> dict[str, Any]:
         """The folder, and the weights of all networks by their SHA-256, so that a copy needs no file."""
-        return {**super().context, "folder": self._folder}
+        return {**super().checked_with, "folder": self._folder}
 
     @property
     def variant(self) -> Variant:

@@ -86,20 +86,9 @@ class Here:
 class WorkerTask(NamedTuple):
     """What a worker needs to know before it is asked for anything."""
 
-    spec: dict[str, Any]  # as `DatasetSpec.plain` gives it
-    weights: dict[str, bytes]
+    spec: DatasetSpec
     folder: Path  # the current one
-    yaml_folder: Path | None  # that of the YAML file
     root: Path | None  # the folder of the run, with whose record the worker is compared
-
-    @classmethod
-    def of(cls, spec: DatasetSpec, folder: Path, root: Path | None) -> WorkerTask:
-        """The task for a dataset."""
-        return cls(spec.plain(), spec.weights, folder, spec.experiments[0].folder, root)
-
-    def here(self) -> Here:
-        """The process in which the dataset is made, which is this one."""
-        return Here(DatasetSpec.from_plain(self.spec, self.weights, self.yaml_folder), self.folder)
 
 
 class Question(NamedTuple):
@@ -129,7 +118,7 @@ class Worker:
     def __init__(self, spec: DatasetSpec, folder: Path, root: Path | None = None) -> None:
         self.spec, self.folder = spec, folder
         self._machine_code = TemporaryDirectory(prefix="ibdata-", ignore_cleanup_errors=True)
-        self._waiting: list[Any] = [WorkerTask.of(spec, folder, root)]
+        self._waiting: list[Any] = [WorkerTask(spec, folder, root)]
         self._pipe, theirs = Pipe()
         path = [folder for folder in sys.path if folder]
         arguments = [sys.executable, "-c", BEGIN, str(theirs.fileno()), *path]
@@ -190,7 +179,7 @@ def _work(task: WorkerTask, questions: SimpleQueue[Question], pipe: Connection) 
     from ibdata.generation.record import agree
 
     os.chdir(task.folder)  # a policy may have changed the parent's current folder
-    here, root = task.here(), task.root
+    here, root = Here(task.spec, task.folder), task.root
     while True:
         function, arguments, shows_progress = questions.get()
         progress = (lambda rows: pipe.send(Rows(rows))) if shows_progress else None

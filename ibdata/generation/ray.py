@@ -55,7 +55,7 @@ def run(
     ray = library()
     with _connected(ray, workers, address) as is_started:
         work = ray.remote(max_retries=MAX_DEATHS, **_own_workers(process.spec, root))(_work)
-        task = ray.put(WorkerTask.of(process.spec, process.folder, root))
+        task = ray.put(WorkerTask(process.spec, process.folder, root))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -113,9 +113,9 @@ def _work(task: WorkerTask, shard: Shard) -> None:
             f"{root.parents[1]}: not found on a host of Ray, expected a folder that all hosts share"
         )
     processes.purpose = "worker"
-    run = root, json.dumps(task.spec, sort_keys=True)
+    run = root, json.dumps(task.spec.plain(), sort_keys=True)
     if run not in _known:
-        here = task.here()
+        here = Here(task.spec, task.folder)
         here.call(agree, root)
         _known[run] = here
     _known[run].call(make_shard, shard, root, True, None, progress=unseen)

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arguments import has_method
 from ibdata.errors import IbdataError, PolicyError, UsageError
-from ibdata.policies.base import Floats, Needs, Observed, Policy, Steps, refuse_density
+from ibdata.policies.base import Floats, Needs, Observed, Policy, Steps, other_density
 from ibdata.policies.checked import AnswerError, actions, ask, decision, numbers
 from ibdata.policies.code import apart_from_results, error_line
 from ibdata.policies.distributions import Certain, Distribution, Unknown
@@ -21,7 +22,6 @@ EXPECTED = (
     "an object with decide(observed), act(history, u) or predict(observations), a torch module, or a function"
 )
 NO_NUMBERS = "no random numbers; if it draws 3 per step, write draws: 3 beside its target in a block"
-METHODS = ("decide", "act", "predict")
 KEYWORDS = {"state", "episode_start", "deterministic"}  # of predict, as in SB3
 
 
@@ -149,16 +149,6 @@ class Adapter:
         return normalized(self.target, getattr(self.target, "predict", self.target))
 
 
-def can_act(target: Any) -> bool:
-    """Whether a `UserObject` can be made of an object."""
-    return not isinstance(target, type) and (has_method(target) or callable(target))
-
-
-def has_method(target: Any) -> bool:
-    """Whether an object has one of the methods by which it can act."""
-    return any(callable(getattr(target, name, None)) for name in METHODS)
-
-
 def has_needs(target: Any) -> bool:
     """Whether an object says itself what it needs. Raises UsageError for `needs` of another type."""
     needs = getattr(target, "needs", None)
@@ -179,10 +169,8 @@ def needs_of(target: Any, history: int = 1, draws: int = 0) -> Needs:
 
 def refuse_other_form(actor: Any, place: str, history: int, draws: int) -> None:
     """PolicyError for an object that needs more than these numbers, or states a density itself."""
-    try:
-        refuse_density(actor)
-    except TypeError as error:
-        raise PolicyError(f"{place}: {error}") from None
+    if problem := other_density(actor):
+        raise PolicyError(f"{place}: {problem}")
     needs = needs_of(actor, history, draws)
     for option, number, least in (("history", history, needs.history), ("draws", draws, needs.draws)):
         if number < least:

@@ -59,7 +59,7 @@ class Network(Deterministic):
         return self._weights
 
     @property
-    def context(self) -> dict[str, Any]:
+    def checked_with(self) -> dict[str, Any]:
         """Its weights, so that a copy needs no file."""
         return {"weights": {self.sha256: self.weights}}
 
@@ -67,6 +67,10 @@ class Network(Deterministic):
     def needs(self) -> Needs:
         """As many observations as its file says."""
         return Needs(history=self.weights.metadata.frames)
+
+    def options(self) -> dict[str, Any]:
+        """The options, without the SHA-256, which is that of the file and changes with it."""
+        return {name: option for name, option in super().options().items() if name != "sha256"}
 
     def form(self) -> dict[str, Any]:
         """The kind and the SHA-256 of the weights, wherever they came from."""

@@ -24,10 +24,19 @@ from pydantic import (
 )
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
+from ibdata._numerics.arguments import can_act, has_method, native
 from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
-from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of, refuse_other_form
-from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy, is_deterministic
-from ibdata.policies.checked import refuse_impure
+from ibdata.policies.adapter import EXPECTED, Adapter, needs_of, refuse_other_form
+from ibdata.policies.base import (
+    OBSERVATION,
+    Decision,
+    Needs,
+    Observed,
+    Policy,
+    is_deterministic,
+    other_density,
+)
+from ibdata.policies.checked import clipping_notes, refuse_impure
 from ibdata.policies.code import (
     Acting,
     Places,
@@ -46,7 +55,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 LIVE = "live:"  # begins the name of an object in a record of code
-MOST_CLIPPED = 0.2  # share of the numbers of actions
 
 
 class UserObject(Policy):
@@ -135,10 +143,9 @@ class UserObject(Policy):
         yield from clipping_notes(clipped, total, "numbers of its actions")
 
 
-def clipping_notes(clipped: float, total: float, what: str) -> Iterator[str]:
-    """A line that says so if many are clipped."""
-    if clipped > MOST_CLIPPED * total:
-        yield f"{clipped / total:.0%} of the {what} are clipped: actions are changes in [-1, 1]"
+def remembers(policy: Policy) -> bool:
+    """Whether a policy must be asked about the steps of an episode one by one."""
+    return policy.needs.memory > 0 or any(part.remembers for part in policy.everywhere(UserObject))
 
 
 def refuse_shared(policy: Policy) -> None:
@@ -175,8 +182,9 @@ class ObjectPolicy(UserObject):
         target = data.get("target", "") if isinstance(data, dict) else ""
         if isinstance(target, str):
             return data
-        if not can_act(target):
-            raise Problems([(("target",), f"found {excerpt(target)}, expected {EXPECTED}")])
+        problem = f"found {excerpt(target)}, expected {EXPECTED}"
+        if problem := other_density(target) if can_act(target) else problem:
+            raise Problems([(("target",), problem)])
         needs = needs_of(target)
         own: dict[str, Any] = {"history": max(1, needs.history), "draws": needs.draws}
         if isinstance(target, Policy):
@@ -223,8 +231,8 @@ TARGET_MEANT = "package.module:name, or file.py:name with a path relative to the
 def _as_json(params: dict[str, Any]) -> Any:
     """Parameters as JSON and YAML give them back, so that they are the same in every process."""
     try:
-        return json.loads(json.dumps(params, allow_nan=False))
-    except (TypeError, ValueError) as error:
+        return json.loads(json.dumps(native(params), allow_nan=False))
+    except (TypeError, ValueError, RecursionError) as error:
         raise ValueError(
             f"found what JSON cannot hold ({error}), expected finite numbers, texts, lists and mappings"
         ) from None
@@ -263,9 +271,9 @@ class Custom(UserObject):
         return policy
 
     @property
-    def context(self) -> dict[str, Any]:
-        """The folder of the YAML file of the block."""
-        return {**super().context, "folder": self._folder}
+    def checked_with(self) -> dict[str, Any]:
+        """The folder of the YAML file of the block, if it is from one."""
+        return {**super().checked_with, "folder": self._folder}
 
     @property
     def code_target(self) -> str:
@@ -280,22 +288,26 @@ class Custom(UserObject):
         """The paths of the declared files by their names. Raises UsageError if one is not found."""
         return {name: located(name, f"{self.target}: files", self._places) for name in self.files or ()}
 
+    @property
+    def source(self) -> str:
+        """The file, or the module, that the target names."""
+        return self.target.partition(":")[0]
+
     def target_file(self) -> Path | None:
         """The file of the target, which may be that of an imported module; None if none is known."""
-        return self.file() or file_of(sys.modules.get(self.target.partition(":")[0]))
+        return self.file() or file_of(sys.modules.get(self.source))
 
     def file(self) -> Path | None:
         """The file that the target names, or None if it names a module. UsageError if it is not found."""
-        source, _, _ = self.target.partition(":")
-        return located(source, self.target, self._places) if source.endswith(".py") else None
+        return located(self.source, self.target, self._places) if self.source.endswith(".py") else None
 
     def _made(self, acting: Acting) -> Any:
         self._places = two_places(acting.folder, self._folder)
-        file, (source, _, name) = self.file(), self.target.partition(":")
+        file, name = self.file(), self.target.partition(":")[2]
         acting.add_to_path(map(str, [*([] if file is None else [file.parent]), *self._places]))
         try:
             with loading(self.target), apart_from_results():
-                module = imported(source, file)
+                module = imported(self.source, file)
                 if not hasattr(module, name):
                     names = [known for known in vars(module) if not known.startswith("_")]
                     raise PolicyError(
@@ -306,7 +318,7 @@ class Custom(UserObject):
             raise
         except BaseException as error:
             line = f"{self.target}: cannot be loaded: {error_line(error)}"
-            if isinstance(error, ModuleNotFoundError) and error.name == source.partition(".")[0]:
+            if isinstance(error, ModuleNotFoundError) and error.name == self.source.partition(".")[0]:
                 folders = " or ".join(map(str, self._places))
                 line += f"; expected the module in {printable(folders)}, or installed"
             raise PolicyError(line) from error

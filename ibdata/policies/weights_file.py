@@ -157,8 +157,9 @@ def find(file: str, sha256: str | None, folder: Path | None, known: dict[str, We
     Those that are found are `known` by their SHA-256 from then on. Raises ValueError if there is no such
     file, or it is not valid, or has another SHA-256 than is given.
     """
-    if sha256 in known and file == name_of(sha256):
-        return known[sha256]
+    for weights in known.values():
+        if file == weights.name and sha256 in (None, weights.sha256):
+            return weights
     shipped = [path.stem for path in sorted(SHIPPED.glob(f"*{SUFFIX}"))]
     path = (folder or Path()) / os.path.expanduser(file)
     if file.removesuffix(SUFFIX) in shipped and not path.is_file():
