@@ -13,10 +13,9 @@ from ibdata._numerics.arguments import public
 from ibdata.errors import PolicyError
 from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.policies import Observed, Policy, checked
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
 from ibdata.policies.checked import AnswerError, ask, raise_placed
-from ibdata.policies.distributions import Distribution
+from ibdata.policies.distributions import Distribution, applied
 from ibdata.policies.user_object import UserObject
 
 ROWS = 256

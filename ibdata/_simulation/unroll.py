@@ -17,8 +17,8 @@ from ibdata._numerics.random import Purpose
 from ibdata._simulation.carry import Carry
 from ibdata._simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
 from ibdata.policies import Observed
-from ibdata.policies.actions import read_only
 from ibdata.policies.checked import act, ask, raise_placed
+from ibdata.policies.distributions import read_only
 from ibdata.policies.user_object import remembers
 
 LANES = 256  # episodes that are simulated together, whose state and record stay in the processor's cache

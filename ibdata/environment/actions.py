@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, excerpt
-from ibdata.policies.actions import DISCRETE, WHOLE, Action, clip_and_round, is_discrete, of_discrete
+from ibdata.policies.distributions import DISCRETE, WHOLE, Action, clip_and_round, is_discrete, of_discrete
 
 NUMBERS = "finite numbers: changes of velocity, gain and shift in [-1, 1]"
 

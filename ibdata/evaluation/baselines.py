@@ -18,8 +18,8 @@ from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.models import JsonObject, Sha256
 from ibdata.errors import UsageError
+from ibdata.experiment.catalogue import full_name
 from ibdata.experiment.scenario import scenario_of
-from ibdata.experiment.shipped import full_name
 from ibdata.views.options import ViewOptions
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import PART_ROWS, episodes_of
 from ibdata.policies import Policy
-from ibdata.policies.actions import applied
-from ibdata.policies.distributions import Distribution
+from ibdata.policies.distributions import Distribution, applied
 from ibdata.policies.user_object import UserObject
 
 Bools = npt.NDArray[np.bool_]

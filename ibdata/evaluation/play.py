@@ -15,14 +15,13 @@ from ibdata._simulation.episodes import Episodes, Ints, observed_rows, record_ro
 from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata._system.progress import Advance, unseen
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import loaded, notes_on
+from ibdata.evaluation.policies import loaded, notes_on, setpoint_notes
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.policies import Observed, Policy
-from ibdata.policies.actions import read_only
 from ibdata.policies.base import SETPOINT
 from ibdata.policies.checked import clipping_notes
 from ibdata.policies.compound import is_foreign
-from ibdata.policies.scaling import setpoint_notes
+from ibdata.policies.distributions import read_only
 from ibdata.policies.user_object import ObjectPolicy
 from ibdata.views.options import OBSERVED, PLAIN, ViewOptions, Window
 from ibdata.views.rewards import COSTS

@@ -1,11 +1,11 @@
-"""Policies that a user gives as a kind, a block, a file, or any object that acts."""
+"""Policies that a user gives as a kind, a block, a file, or an object; and what may be wrong with them."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,15 +13,18 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from ibdata._numerics.arguments import can_act
-from ibdata._numerics.naming import unequal
+from ibdata._numerics.naming import exact, unequal
 from ibdata.errors import ConfigError, UsageError, notice, suggestion
 from ibdata.experiment.messages import refusals, shown
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
 from ibdata.policies.adapter import EXPECTED, has_needs
-from ibdata.policies.checked import refuse_impure
+from ibdata.policies.base import SETPOINT
+from ibdata.policies.checked import EPISODES, histories, played, refuse_impure
 from ibdata.policies.code import Acting
 from ibdata.policies.compound import is_foreign
+from ibdata.policies.libraries import far_notes, owner_of, scaling_of
+from ibdata.policies.network import Network
 from ibdata.policies.user_object import TARGET, Custom, ObjectPolicy, UserObject, refuse_shared
 from ibdata.policies.weights_file import SUFFIX
 from ibdata.views.options import PLAIN, ViewOptions
@@ -177,3 +180,46 @@ def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Pol
     """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
     with refusals(block, Policy, lambda problem: f"{place}: {problem.text}"):
         return _any_policy().validate_python(block, context={"folder": folder, "weights": {}})
+
+
+MOST = 90  # of the 101 whole setpoints; a policy that acts alike at fewer of them saturates there
+FEW = 4  # observations, of which some differ in the actions unless these depend on the setpoint alone
+
+
+def setpoint_notes(
+    policy: Policy, setpoints: Sequence[float], columns: int = len(OBSERVATION), at: int = SETPOINT
+) -> Iterator[str]:
+    """What says that a policy, whose objects are loaded, was trained at other setpoints, in lines.
+
+    It sees so many columns of an observation, of which one has the setpoint.
+    """
+    parts = list(policy.everywhere(Policy))
+    far = [note for scaling in _scalings(parts) for note in far_notes(scaling, setpoints, columns, at)]
+    yield from far
+    alike = [] if far else [p for p in setpoints if _acts_alike(policy, p, EPISODES, columns, at)]
+    if alike and MOST <= sum(_acts_alike(policy, p, FEW, columns, at) for p in range(101)) < 101:
+        yield (
+            f"at setpoint {', '.join(map(exact, alike))} its actions depend on nothing else that it sees, at "
+            "others they do: perhaps it scales observations by what it saw in training, at others"
+        )
+    for user_object in policy.everywhere(UserObject):
+        user_object.adapter.clipped[:] = 0  # what was asked here is made up
+
+
+def _scalings(parts: Sequence[Policy]) -> Iterator[dict[str, Any]]:
+    """The scalings of the networks and models among policies."""
+    for part in parts:
+        if isinstance(part, Network):
+            yield {"mean": part.weights.mean, "std": part.weights.std}
+        elif isinstance(part, UserObject):
+            with suppress(AttributeError, TypeError):  # of another scaler, or one that is not fitted
+                if scaling := scaling_of(owner_of(part.adapter.target)):
+                    yield scaling
+
+
+def _acts_alike(policy: Policy, setpoint: float, n: int, columns: int, at: int) -> bool:
+    """Whether a policy acts in the same way on n random observations at a setpoint."""
+    seen = histories(n, policy.needs.history, columns)
+    seen[:, :, at] = setpoint
+    [(_, actions)] = played(policy, seen, 1)
+    return bool((actions == actions[0]).all())

@@ -23,8 +23,8 @@ from ibdata.evaluation.play import rewarded, rewards_of
 from ibdata.evaluation.states import Source
 from ibdata.experiment.rollout import episodes_of
 from ibdata.experiment.scenario import form_digest, scenario_of
-from ibdata.policies.actions import finite_actions
 from ibdata.policies.baselines import Constant
+from ibdata.policies.distributions import finite_actions
 from ibdata.views.options import View, ViewOptions, Window, view_of
 from ibdata.views.rewards import scaled
 

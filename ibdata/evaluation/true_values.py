@@ -24,7 +24,7 @@ from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import form_digest, scenario_of
 from ibdata.policies import Policy
-from ibdata.policies.actions import finite_actions
+from ibdata.policies.distributions import finite_actions
 
 
 def branches_at(

@@ -11,16 +11,17 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from ruamel.yaml import YAML
 
 from ibdata._numerics.arguments import native, public
+from ibdata._system.configs import configs_in
 from ibdata.errors import ConfigError, Loc, UsageError
+from ibdata.experiment.catalogue import find, shipped, suites
 from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.compound import block_of
@@ -72,38 +73,41 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
     if isinstance(config, Mapping):
         return _checked(native(config), overrides, seed, {"weights": {}})
     path = find(config)
-    if is_suite(path):
-        example = sorted(path.glob("[!.]*.yaml"))[0]
+    if files := configs_in(path):
         raise UsageError(
-            f"{path}: found a folder of experiments, expected a file such as {example}; "
+            f"{path}: found a folder of experiments, expected a file such as {files[0]}; "
             "generate takes a folder"
         )
     return _read(path, overrides, seed)
 
 
-def load_all(
-    config: Config, overrides: Overrides = (), seed: int | None = None
-) -> tuple[Path | None, list[Experiment]]:
+class Loaded(NamedTuple):
+    """Experiments, and where they are from."""
+
+    folder: Path | None  # None for one experiment
+    files: list[Path]  # of the experiments; none if it is given in Python
+    experiments: list[Experiment]
+
+
+def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> Loaded:
     """Find and load all experiments of a folder or a shipped suite, in the order of their files.
 
     Anything else is one experiment, as in `load`. Raises the errors of `load`, for all files at once.
-
-    Returns:
-        The folder or the file, or None if the experiment is from neither; and the experiments.
     """
     if isinstance(config, Mapping | Experiment):
-        return None, [load(config, overrides, seed)]
+        return Loaded(None, [], [load(config, overrides, seed)])
     path = find(config)
+    files = configs_in(path)
     experiments: list[Experiment] = []
     problems: list[str] = []
-    for file in sorted(path.glob("[!.]*.yaml")) if is_suite(path) else [path]:
+    for file in files or [path]:
         try:
             experiments.append(_read(file, overrides, seed))
         except UsageError as error:
             problems += str(error).split("\n")
     if problems:
         raise ConfigError(list(dict.fromkeys(problems)))  # each file reports the same problem of an override
-    return path, experiments
+    return Loaded(path, files, experiments) if files else Loaded(None, [path], experiments)
 
 
 def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:

@@ -11,10 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import IbdataError, PolicyError, excerpt
-from ibdata.policies.actions import WHOLE, clip_and_round, is_discrete, of_discrete, read_only
 from ibdata.policies.base import OBSERVATION, Float32s, Floats, Observed, Policy, is_deterministic
 from ibdata.policies.code import error_line
-from ibdata.policies.distributions import Bools, Certain, Distribution, Unknown
+from ibdata.policies.distributions import (
+    WHOLE,
+    Bools,
+    Certain,
+    Distribution,
+    Unknown,
+    clip_and_round,
+    is_discrete,
+    of_discrete,
+    read_only,
+)
 
 Ints = npt.NDArray[np.int64]
 MOST_CLIPPED = 0.2  # share of the numbers of actions

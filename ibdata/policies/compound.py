@@ -19,7 +19,6 @@ from pydantic_core.core_schema import no_info_before_validator_function
 
 from ibdata._numerics.arguments import can_act
 from ibdata._numerics.naming import unequal
-from ibdata.policies.actions import applied
 from ibdata.policies.base import (
     Decision,
     Deterministic,
@@ -30,7 +29,7 @@ from ibdata.policies.base import (
     is_deterministic,
 )
 from ibdata.policies.checked import ask
-from ibdata.policies.distributions import ByRow, Distribution, Float32s, Floats, Group
+from ibdata.policies.distributions import ByRow, Distribution, Float32s, Floats, Group, applied
 from ibdata.policies.replaced import OrUniform
 
 # By kind, in alphabetical order: the package fills it when all its modules are imported.

@@ -182,9 +182,9 @@ class ObjectPolicy(UserObject):
         target = data.get("target", "") if isinstance(data, dict) else ""
         if isinstance(target, str):
             return data
-        problem = f"found {excerpt(target)}, expected {EXPECTED}"
-        if problem := other_density(target) if can_act(target) else problem:
-            raise Problems([(("target",), problem)])
+        fault = other_density(target) if can_act(target) else f"found {excerpt(target)}, expected {EXPECTED}"
+        if fault:
+            raise Problems([(("target",), fault)])
         needs = needs_of(target)
         own: dict[str, Any] = {"history": max(1, needs.history), "draws": needs.draws}
         if isinstance(target, Policy):
