@@ -16,6 +16,7 @@ from ibdata._numerics.arguments import can_act
 from ibdata._numerics.naming import exact, unequal
 from ibdata.errors import ConfigError, UsageError, notice, suggestion
 from ibdata.experiment.messages import refusals, shown
+from ibdata.experiment.scenario import Scenario
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
 from ibdata.policies.adapter import EXPECTED, has_needs
@@ -27,7 +28,7 @@ from ibdata.policies.libraries import far_notes, owner_of, scaling_of
 from ibdata.policies.network import Network
 from ibdata.policies.user_object import TARGET, Custom, ObjectPolicy, UserObject, refuse_shared
 from ibdata.policies.weights_file import SUFFIX
-from ibdata.views.options import PLAIN, ViewOptions
+from ibdata.views.options import OBSERVED, PLAIN, ViewOptions
 
 
 def policies_of(
@@ -186,14 +187,15 @@ MOST = 90  # of the 101 whole setpoints; a policy that acts alike at fewer of th
 FEW = 4  # observations, of which some differ in the actions unless these depend on the setpoint alone
 
 
-def setpoint_notes(
-    policy: Policy, setpoints: Sequence[float], columns: int = len(OBSERVATION), at: int = SETPOINT
-) -> Iterator[str]:
-    """What says that a policy, whose objects are loaded, was trained at other setpoints, in lines.
-
-    It sees so many columns of an observation, of which one has the setpoint.
-    """
-    parts = list(policy.everywhere(Policy))
+def setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions = PLAIN) -> Iterator[str]:
+    """What says that a policy, whose objects are loaded, was trained at other setpoints, in lines."""
+    frame = view.frame(scenario.drifting) if isinstance(policy, ObjectPolicy) else OBSERVED
+    if OBSERVED[SETPOINT] not in frame:
+        return
+    setpoints = (
+        [0.0, *scenario.points, 100.0] if scenario.drifting else scenario.points
+    )  # moving ones reach all
+    columns, at, parts = len(frame), frame.index(OBSERVED[SETPOINT]), list(policy.everywhere(Policy))
     far = [note for scaling in _scalings(parts) for note in far_notes(scaling, setpoints, columns, at)]
     yield from far
     alike = [] if far else [p for p in setpoints if _acts_alike(policy, p, EPISODES, columns, at)]

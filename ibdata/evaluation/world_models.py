@@ -20,15 +20,14 @@ from ibdata.dynamics import Noise, State, Variant, step
 from ibdata.dynamics.noise import amplification_cdf, quadrature
 from ibdata.dynamics.state import NO_DRIFT
 from ibdata.errors import PolicyError, UsageError
-from ibdata.evaluation.states import Source
-from ibdata.policies.baselines import Constant
+from ibdata.evaluation.states import BATCH_ROWS, Source
 from ibdata.policies.checked import AnswerError, numbers
 from ibdata.views.options import ACTIONS
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 QUANTITIES = ("fatigue", "consumption")
-BATCH_ROWS, PART = 32_768, 512  # rows that are simulated, and integrated, at a time
+PART = 512  # rows that are integrated at a time
 FOLDED = math.sqrt(2.0 / math.pi)  # the mean of |z|, with z ~ N(0, 1)
 
 
@@ -105,7 +104,7 @@ def noise_floor(
     for batch in selection.iter_batches(names, batch_rows=BATCH_ROWS):
         episodes, steps, p = (batch[x].to_numpy() for x in ("episode", "step", "next_obs_setpoint"))
         actions, laws = stacked_columns(batch, ACTIONS), np.empty((len(p), 3, 2))
-        states = source.carries_at(episodes, steps, Constant()).state  # any policy that sees nothing
+        states = source.carries_at(episodes, steps).state
         for experiment, positions, _ in source.by_experiment(episodes):
             state = states.take(positions)
             if experiment.drifting:

@@ -31,14 +31,14 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
     Raises UsageError if the code may not run, or if a policy is a live object that no longer exists. With
     `again`, other processes may need the policy, so every live object is refused.
     """
-    targets = list(dict.fromkeys(custom.target for custom in spec.policies_of(Custom)))
+    targets = list(dict.fromkeys(custom.target for custom in spec.custom))
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
             "--allow-code if you trust it"
         )
     refuse_within_itself(targets)
-    for user_object in spec.policies_of(ObjectPolicy):
+    for user_object in spec.live:
         if again or not user_object.is_here:
             raise UsageError(
                 f"{where}: found {user_object.code_target}, an object that acts in the Python session of its "
@@ -103,7 +103,7 @@ def _version(package: str) -> str | None:
 def changed_here(spec: DatasetSpec, record: Sequence[Code]) -> list[str]:
     """The files of a record whose content differs on this machine. Nothing is imported to find them."""
     subfolders = [Path(), *(Path(code.target.partition(":")[0]).parent for code in record)]
-    known = dict.fromkeys(custom.checked_with["folder"] for custom in spec.policies_of(Custom))
+    known = dict.fromkeys(custom.checked_with["folder"] for custom in spec.custom)
     places = dict.fromkeys(place for folder in known for place in two_places(Path.cwd(), folder))
     folders = [place / subfolder for place in places for subfolder in subfolders]
     folders += map(Path, sys.path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -14,8 +14,8 @@ from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
-from ibdata.policies import Policy
 from ibdata.policies.code import Acting
+from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 from ibdata.policies.weights_file import Weights
 
 
@@ -37,9 +37,6 @@ class Shard(NamedTuple):
     def stem(self) -> str:
         """The beginning of the shard's path inside the dataset; a token follows."""
         return f"data/part-{self.number:05d}"
-
-
-P = TypeVar("P", bound=Policy)
 
 
 class Run(NamedTuple):
@@ -151,9 +148,20 @@ class DatasetSpec:
         """The contents of the weights files of all networks, by their names in a dataset."""
         return {weights.name: weights.data for weights in self.checked_with["weights"].values()}
 
-    def policies_of(self, kind: type[P]) -> list[P]:
-        """The policies of a class, including parts of others."""
-        return [policy for experiment in self.experiments for policy in experiment.everywhere(kind)]
+    @cached_property
+    def user_objects(self) -> list[UserObject]:
+        """The policies that act through objects of users, including parts of others."""
+        return [policy for experiment in self.experiments for policy in experiment.everywhere(UserObject)]
+
+    @cached_property
+    def live(self) -> list[ObjectPolicy]:
+        """Those whose object is one of a Python session."""
+        return [policy for policy in self.user_objects if isinstance(policy, ObjectPolicy)]
+
+    @cached_property
+    def custom(self) -> list[Custom]:
+        """Those whose object is made by code that is named."""
+        return [policy for policy in self.user_objects if isinstance(policy, Custom)]
 
     def loaded(self, acting: Acting) -> DatasetSpec:
         """A copy in which all objects of users are loaded, so that they can act until `acting` ends."""

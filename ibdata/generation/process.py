@@ -25,7 +25,6 @@ from ibdata._system.signals import held, leave_to_parent
 from ibdata.errors import IbdataError, notice
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Acting, is_fresh
-from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 
 # The path of modules comes from the parent. Before it is set, nothing is imported, because `python -c` looks
 # in the current folder before all others.
@@ -55,9 +54,9 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
     It is this process itself if there is no custom code, if a policy is a live object, or if it is that of a
     command; otherwise a new one.
     """
-    for target in dict.fromkeys(custom.target for custom in spec.policies_of(Custom)):
+    for target in dict.fromkeys(custom.target for custom in spec.custom):
         notice(f"running the code of {target}")
-    is_here = not spec.policies_of(UserObject) or is_fresh() or spec.policies_of(ObjectPolicy)
+    is_here = not spec.user_objects or is_fresh() or spec.live
     with closing((Here if is_here else Worker)(spec, Path.cwd())) as process:
         yield process
 
@@ -70,7 +69,7 @@ class Here:
 
     @cached_property
     def _loaded(self) -> DatasetSpec:
-        return self.spec.loaded(self._acting) if self.spec.policies_of(UserObject) else self.spec
+        return self.spec.loaded(self._acting) if self.spec.user_objects else self.spec
 
     def close(self) -> None:
         """Let no object act from now on."""

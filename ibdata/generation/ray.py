@@ -21,7 +21,6 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.process import Here, Process, WorkerTask
 from ibdata.generation.record import agree
 from ibdata.generation.workers import make_shard
-from ibdata.policies.user_object import UserObject
 
 MAX_DEATHS = 3  # of workers, at one shard
 POLL = 0.2  # seconds between checks for a signal
@@ -95,7 +94,7 @@ def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
 
 def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
     """Options that give a run with custom code workers that have imported none: those of an environment."""
-    if not spec.policies_of(UserObject):
+    if not spec.user_objects:
         return {}
     machine_code = str(root / f"numba-{secrets.token_hex(4)}")
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}

@@ -31,7 +31,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import episodes_of, rollout
 from ibdata.experiment.scenario import other_dynamics
 from ibdata.generation.metadata import as_json
-from ibdata.policies.user_object import LIVE, ObjectPolicy, UserObject, refuse_shared
+from ibdata.policies.user_object import LIVE, UserObject, refuse_shared
 from ibdata.views.variables import ROWS
 
 STEPS, SETPOINTS = 100, 32  # at most, that users' objects play before a run
@@ -105,12 +105,12 @@ def observe(spec: DatasetSpec) -> Record:
     What a user should know about its policies is said on stderr.
     """
     code, found = _code(spec), known_answer()
-    reproducible = found == ANSWER and not spec.policies_of(ObjectPolicy)
+    reproducible = found == ANSWER and not spec.live
     record = Record.of(spec, code=code, reproducible=reproducible, known_answer=found)
-    if spec.policies_of(UserObject):
+    if spec.user_objects:
         for experiment in spec.experiments:
             _play_user_objects(experiment)
-    for user_object in spec.policies_of(UserObject):
+    for user_object in spec.user_objects:
         for note in user_object.notes():
             notice(f"{user_object.code_target}: {note}")
     for experiment in spec.experiments:
@@ -121,7 +121,7 @@ def observe(spec: DatasetSpec) -> Record:
 
 
 def _code(spec: DatasetSpec) -> list[Code]:
-    policies = spec.policies_of(UserObject)
+    policies = spec.user_objects
     for policy in policies:
         policy.refuse_impure()
     for experiment in spec.experiments if policies else ():

@@ -84,9 +84,14 @@ class Adapter:
 
     def _call(self, observed: Observed, state: Any) -> Answer:
         """Ask the object by the first of its methods."""
+        answer: Any
         memory, next_state = observed.memory, None
         if hasattr(self.target, "decide"):
-            answer, next_memory = self._decision(observed)
+            if isinstance(self.target, Policy):  # of ibdata, which is given as many numbers as it needs
+                answer, next_memory = ask(self.target, observed.cut(self.target.needs).apply(np.copy))
+                answer = answer.actions if isinstance(answer, Unknown) else answer
+            else:
+                answer, next_memory = decision(self.target.decide(observed.apply(np.copy)))
             if memory.size:
                 memory = numbers(next_memory, memory.shape, "memory").copy()
             if isinstance(answer, Certain):
@@ -96,7 +101,9 @@ class Adapter:
         elif hasattr(self.target, "act"):
             answer = self.target.act(observed.observations.copy(), observed.draws.copy())
         else:
-            answer = self._predicted(observed, state)
+            known = {"state": state, "episode_start": observed.step == 0, "deterministic": True}
+            options = {name: known[name] for name in self._keywords}
+            answer = self._predict(observed.observations.reshape(len(observed.step), -1).copy(), **options)
             if "state" in self._keywords and isinstance(answer, tuple) and len(answer) > 1:
                 next_state = answer[1]
         if isinstance(answer, tuple) and len(answer) > 2:
@@ -109,19 +116,6 @@ class Adapter:
 
     def _count_clipped(self, actions: npt.NDArray[Any]) -> None:
         self.clipped += np.array([np.count_nonzero(np.abs(actions) > 1.0), actions.size])
-
-    def _predicted(self, observed: Observed, state: Any) -> Any:
-        """What `predict` or a call answers, with those of the keywords that it has."""
-        known = {"state": state, "episode_start": observed.step == 0, "deterministic": True}
-        options = {name: known[name] for name in self._keywords}
-        return self._predict(observed.observations.reshape(len(observed.step), -1).copy(), **options)
-
-    def _decision(self, observed: Observed) -> tuple[Any, Any]:
-        """What `decide` answers; a policy of ibdata is given as many numbers as it needs."""
-        if isinstance(self.target, Policy):
-            action, memory = ask(self.target, observed.cut(self.target.needs).apply(np.copy))
-            return action.actions if isinstance(action, Unknown) else action, memory
-        return decision(self.target.decide(observed.apply(np.copy)))
 
     @cached_property
     def _reset(self) -> Callable[[int], Any] | None:

@@ -24,6 +24,7 @@ from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import tanh
 from ibdata._system.files import plain_bytes
 from ibdata.errors import printable
+from ibdata.policies.base import OBSERVATION
 
 Float32s = npt.NDArray[np.float32]
 Sizes = npt.NDArray[np.int64]
@@ -64,7 +65,7 @@ LAYOUT = "ibdata-network-1"
 SUFFIX = ".safetensors"
 SHIPPED = Path(__file__).parent / "weights"
 MAX_BYTES = 2**26
-COLUMNS = 6  # of an observation
+COLUMNS = len(OBSERVATION)
 ACTIONS = 3
 SHA256 = "^[0-9a-f]{64}$"
 
