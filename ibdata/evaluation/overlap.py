@@ -78,7 +78,7 @@ def refuse_remembered_draws(target: Policy) -> None:
     """Raise UsageError for a target that remembers random numbers, because no data have these numbers."""
     for policy in target.everywhere(Policy):
         needs = getattr(policy, "own_needs", policy.needs)  # without those of a base
-        is_object_that_remembers = isinstance(policy, UserObject) and policy.remembers
+        is_object_that_remembers = isinstance(policy, UserObject) and policy.adapter.remembers
         if (needs.memory or is_object_that_remembers) and (needs.draws or policy.needs.episode_draws):
             raise UsageError(
                 f"policy {target.label}: found {policy.kind}, which has a memory and random numbers, "

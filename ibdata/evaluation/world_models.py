@@ -109,7 +109,7 @@ def noise_floor(
             state = states.take(positions)
             if experiment.drifting:
                 state = state.replace(setpoint=p[positions], drift_left=np.full(len(positions), NO_DRIFT))
-            laws[positions] = _law(state, actions[positions], experiment.variant)
+            laws[positions] = _law(state, actions[positions], experiment.scenario.variant)
         moments.append(laws)
     mean, deviation, absolute = np.moveaxis(np.concatenate(moments), 1, 0)
     errors = zip(QUANTITIES, np.sqrt((deviation**2).mean(axis=0)), absolute.mean(axis=0), strict=True)

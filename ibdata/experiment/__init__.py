@@ -121,12 +121,12 @@ def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
     if not isinstance(document.data, dict):
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
 
-    def begin(problem: Problem) -> str:
+    def place(problem: Problem) -> str:
         line, column = document.position(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
     context = {"folder": path.parent.absolute(), "weights": {}}
-    return _checked(document.data, overrides, seed, context, begin)
+    return _checked(document.data, overrides, seed, context, place)
 
 
 def _checked(
@@ -134,9 +134,9 @@ def _checked(
     overrides: Overrides,
     seed: int | None,
     context: dict[str, Any],
-    begin: Callable[[Problem], str] = lambda problem: "",
+    place: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
-    """Apply the overrides and check the experiment; `begin` begins the line of a problem in the file."""
+    """Apply the overrides and check the experiment; `place` begins the line of a problem in the file."""
     changed: set[Loc] = set()
     pairs = overrides.items() if isinstance(overrides, Mapping) else map(_parsed, overrides)
     for key, value in pairs:
@@ -152,7 +152,7 @@ def _checked(
         if seed is not None and problem.loc == ("seed",):
             return problem.text
         is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))
-        return f"override {problem.text}" if is_changed else begin(problem) + problem.text
+        return f"override {problem.text}" if is_changed else place(problem) + problem.text
 
     with refusals(data, Experiment, line):
         return Experiment.model_validate(data, context=context)

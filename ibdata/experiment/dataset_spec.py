@@ -15,6 +15,7 @@ from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
 from ibdata.policies.code import Acting
+from ibdata.policies.network import Network
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 from ibdata.policies.weights_file import Weights
 
@@ -138,15 +139,10 @@ class DatasetSpec:
         return list(dict.fromkeys(experiment.licence for experiment in self.experiments))
 
     @property
-    def checked_with(self) -> dict[str, Any]:
-        """The weights of all networks by their SHA-256, with which the experiments are read."""
-        each = (experiment.checked_with["weights"] for experiment in self.experiments)
-        return {"weights": {sha256: weights for of_one in each for sha256, weights in of_one.items()}}
-
-    @property
     def weights(self) -> dict[str, bytes]:
         """The contents of the weights files of all networks, by their names in a dataset."""
-        return {weights.name: weights.data for weights in self.checked_with["weights"].values()}
+        networks = (network for each in self.experiments for network in each.everywhere(Network))
+        return {network.weights.name: network.weights.data for network in networks}
 
     @cached_property
     def user_objects(self) -> list[UserObject]:

@@ -17,7 +17,6 @@ from pydantic import (
 
 from ibdata._numerics.arguments import native
 from ibdata._numerics.naming import counted, exact, unequal
-from ibdata.dynamics import Variant
 from ibdata.errors import Loc, Problems, meant
 from ibdata.experiment.fields import (
     LICENCE,
@@ -112,11 +111,6 @@ class Experiment(FrozenModel):
         return {**super().checked_with, "folder": self._folder}
 
     @property
-    def variant(self) -> Variant:
-        """The dynamics as a variant."""
-        return self.scenario.variant
-
-    @property
     def drifting(self) -> bool:
         """Whether the setpoints move."""
         return self.scenario.drifting
@@ -173,7 +167,7 @@ class Experiment(FrozenModel):
 
     def part(self, steps: int, episodes: int) -> Experiment:
         """The same cells with fewer steps and episodes, and without splits, which may name other episodes."""
-        return self.model_copy(update={"steps": steps, "episodes": episodes, "splits": {}})
+        return self.with_options(steps=steps, episodes=episodes, splits={})
 
     def plain(self) -> dict[str, Any]:
         """The experiment as plain data for YAML, including all defaults."""

@@ -142,12 +142,17 @@ class FrozenModel(BaseModel):
             yield from policy.everywhere(kind)
 
     def mapped(self, change: Callable[[Policy], Policy]) -> Self:
-        """A copy in which each policy of `inner` is changed, without properties computed of the others."""
+        """A copy in which each policy of `inner` is changed."""
         if not self.inner:
             return self
+        options = {name: _mapped(getattr(self, name), change) for name in type(self).model_fields}
+        return self.with_options(**options)
+
+    def with_options(self, **options: Any) -> Self:
+        """A copy with other options, which are valid, and nothing that was computed."""
         copy = self.__copy__()
         vars(copy).clear()
-        vars(copy).update({name: _mapped(getattr(self, name), change) for name in type(self).model_fields})
+        vars(copy).update({name: getattr(self, name) for name in type(self).model_fields} | options)
         return copy
 
     def __getstate__(self) -> dict[Any, Any]:
@@ -206,11 +211,7 @@ class Policy(FrozenModel):
 
     def labelled(self, label: str) -> Self:
         """The policy with a label that a user gave, which need not be a name: a copy, unless it has that."""
-        if label == self.label:
-            return self
-        copy = self.__copy__()
-        vars(copy)["name"] = label
-        return copy
+        return self if label == self.label else self.with_options(name=label)
 
     def form(self) -> dict[str, Any]:
         """The kind and the options that differ from their defaults, from which digests are computed."""

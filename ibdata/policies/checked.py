@@ -14,7 +14,7 @@ from ibdata.errors import IbdataError, PolicyError, excerpt
 from ibdata.policies.base import OBSERVATION, Float32s, Floats, Observed, Policy, is_deterministic
 from ibdata.policies.code import error_line
 from ibdata.policies.distributions import (
-    WHOLE,
+    NUMBERED,
     Bools,
     Certain,
     Distribution,
@@ -48,7 +48,7 @@ def actions(answer: Any, n: int) -> Floats:
         if is_discrete(whole) and len(whole) == n:
             answer = of_discrete(whole)
             if answer is None:
-                raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {WHOLE}")
+                raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {NUMBERED}")
     return numbers(answer, (n, 3), "actions")
 
 

@@ -29,7 +29,7 @@ Bools = npt.NDArray[np.bool_]
 Action = tuple[float, float, float]
 CHANGES = (-1.0, 0.0, 1.0)
 DISCRETE: tuple[Action, ...] = tuple(product(CHANGES, CHANGES, CHANGES))  # of velocity, gain, shift
-WHOLE = f"from 0 to {len(DISCRETE) - 1}"
+NUMBERED = f"from 0 to {len(DISCRETE) - 1}"
 _TABLE = np.array(DISCRETE, dtype=np.float32)
 
 

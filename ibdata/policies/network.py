@@ -15,7 +15,7 @@ from ibdata.errors import Problems
 from ibdata.policies.base import Decision, Deterministic, Needs, Observed
 from ibdata.policies.compound import Unnamed, Wrapper
 from ibdata.policies.distributions import CLIP_EDGE, Bools, Certain, Distribution, Float32s, Floats, applied
-from ibdata.policies.weights_file import SHA256, Weights, find
+from ibdata.policies.weights_file import SHA256, Weights, weights_at
 
 # From this tanh on, the action is ±1: closer to ±1, float32 is too coarse for the density of a random one.
 TANH_EDGE = 1.0 - 2.0**-20
@@ -45,7 +45,7 @@ class Network(Deterministic):
             return handler(data)
         context = info.context or {}
         try:
-            weights = find(file, sha256, context.get("folder"), context.get("weights", {}))
+            weights = weights_at(file, sha256, context.get("folder"), context.get("weights", {}))
         except ValueError as error:
             raise Problems([(("file",), str(error))]) from None
         policy = handler({**data, "file": weights.name, "sha256": weights.sha256})

@@ -121,11 +121,6 @@ class UserObject(Policy):
             )
         return self._adapter
 
-    @property
-    def remembers(self) -> bool:
-        """Whether the object keeps something between steps beside its memory."""
-        return self.adapter.remembers
-
     def decide(self, observed: Observed) -> Decision:
         answer = self.adapter.ask(observed)
         return Decision(answer.action, answer.memory)
@@ -145,12 +140,12 @@ class UserObject(Policy):
 
 def remembers(policy: Policy) -> bool:
     """Whether a policy must be asked about the steps of an episode one by one."""
-    return policy.needs.memory > 0 or any(part.remembers for part in policy.everywhere(UserObject))
+    return policy.needs.memory > 0 or any(part.adapter.remembers for part in policy.everywhere(UserObject))
 
 
 def refuse_shared(policy: Policy) -> None:
     """Raise PolicyError for a policy in which an object that remembers acts in two places."""
-    parts = [part for part in policy.everywhere(UserObject) if part.remembers]
+    parts = [part for part in policy.everywhere(UserObject) if part.adapter.remembers]
     if len({id(part.adapter.target) for part in parts}) < len(parts):
         raise PolicyError(
             f"policy {policy.label}: found {parts[0].code_target} in two places, expected an object for "
