@@ -21,18 +21,14 @@ MAX_SETPOINTS = 10_000
 SHARE_PATTERN = r"^(first|last) ([1-9][0-9]?) ?%$"
 
 
-def _whole(value: Any) -> Any:
-    """Accept 1e3 as a whole number. Strict integers then refuse true."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
 def _not_default(name: str) -> str:
     if name == "default":
         raise ValueError("found 'default', the name of the whole dataset; choose another")
     return name
 
 
-FROM_FLOAT = BeforeValidator(_whole)
+# 1e3 is a whole number. Strict integers then refuse true.
+FROM_FLOAT = BeforeValidator(lambda x: int(x) if isinstance(x, float) and x.is_integer() else x)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 # -0.0 becomes 0.0, so that both have the same digest.
 Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
