@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -192,11 +192,10 @@ def setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions = PLAIN
     frame = view.frame(scenario.drifting) if isinstance(policy, ObjectPolicy) else OBSERVED
     if OBSERVED[SETPOINT] not in frame:
         return
-    setpoints = (
-        [0.0, *scenario.points, 100.0] if scenario.drifting else scenario.points
-    )  # moving ones reach all
-    columns, at, parts = len(frame), frame.index(OBSERVED[SETPOINT]), list(policy.everywhere(Policy))
-    far = [note for scaling in _scalings(parts) for note in far_notes(scaling, setpoints, columns, at)]
+    moving = scenario.drifting  # to any setpoint
+    setpoints = [0.0, *scenario.points, 100.0] if moving else scenario.points
+    columns, at = len(frame), frame.index(OBSERVED[SETPOINT])
+    far = [note for scaling in _scalings(policy) for note in far_notes(scaling, setpoints, columns, at)]
     yield from far
     alike = [] if far else [p for p in setpoints if _acts_alike(policy, p, EPISODES, columns, at)]
     if alike and MOST <= sum(_acts_alike(policy, p, FEW, columns, at) for p in range(101)) < 101:
@@ -208,9 +207,9 @@ def setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions = PLAIN
         user_object.adapter.clipped[:] = 0  # what was asked here is made up
 
 
-def _scalings(parts: Sequence[Policy]) -> Iterator[dict[str, Any]]:
-    """The scalings of the networks and models among policies."""
-    for part in parts:
+def _scalings(policy: Policy) -> Iterator[dict[str, Any]]:
+    """The scalings of the networks and models in a policy."""
+    for part in policy.everywhere(Policy):
         if isinstance(part, Network):
             yield {"mean": part.weights.mean, "std": part.weights.std}
         elif isinstance(part, UserObject):

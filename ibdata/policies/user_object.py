@@ -9,9 +9,9 @@ import re
 import sys
 from collections.abc import Iterator
 from copy import deepcopy
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -165,6 +165,8 @@ class ObjectPolicy(UserObject):
     recorded, so nobody can make the dataset again.
     """
 
+    inner: ClassVar[tuple[Policy, ...]] = ()  # also if the object is a policy: only its name is said
+
     kind: Literal["live"] = "live"
     target: Annotated[Any, PlainSerializer(name_of, str), WithJsonSchema({"type": "string"})] = Field(
         description="the object; in a record the name of its class, or of the function"
@@ -185,11 +187,6 @@ class ObjectPolicy(UserObject):
         if isinstance(target, Policy):
             own |= {"name": target.name, "deterministic": bool(is_deterministic(target)) and not needs.draws}
         return {**own, **data}
-
-    @cached_property
-    def inner(self) -> tuple[Policy, ...]:
-        """None, also if the object is a policy: only its name is said."""
-        return ()
 
     def form(self) -> dict[str, Any]:
         """The kind and the options, with the name of the object in its place."""
