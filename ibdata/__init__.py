@@ -30,11 +30,11 @@ if TYPE_CHECKING:  # for type checkers and editors
     from ibdata.evaluation import evaluate as evaluate
     from ibdata.evaluation.baselines import baselines as baselines
     from ibdata.evaluation.importance import importance as importance
-    from ibdata.evaluation.noise_floor import noise_floor as noise_floor
     from ibdata.evaluation.rollouts import rollouts as rollouts
-    from ibdata.evaluation.score_model import score_model as score_model
     from ibdata.evaluation.states import state_at as state_at
     from ibdata.evaluation.true_values import true_values as true_values
+    from ibdata.evaluation.world_models import noise_floor as noise_floor
+    from ibdata.evaluation.world_models import score_model as score_model
     from ibdata.experiment import Experiment as Experiment
     from ibdata.experiment import load as load
     from ibdata.exporters import export as export
@@ -68,14 +68,14 @@ _MODULES = {
     "load": "experiment",
     "make": "tools.make",
     "merge": "tools.merge",
-    "noise_floor": "evaluation.noise_floor",
+    "noise_floor": "evaluation.world_models",
     "open": "dataset.dataset",
     "quality": "dataset.quality",
     "repair": "tools.repair",
     "reproduce": "tools.reproduce",
     "rollouts": "evaluation.rollouts",
     "save_network": "policies.save_network",
-    "score_model": "evaluation.score_model",
+    "score_model": "evaluation.world_models",
     "split": "tools.split",
     "state_at": "evaluation.states",
     "true_values": "evaluation.true_values",

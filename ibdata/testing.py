@@ -13,10 +13,9 @@ from ibdata._numerics.arguments import public
 from ibdata.errors import PolicyError
 from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.policies import Observed, Policy, checked
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Float32s, Floats
 from ibdata.policies.checked import AnswerError, ask, raise_placed
-from ibdata.policies.distributions import Distribution
+from ibdata.policies.distributions import Distribution, applied
 from ibdata.policies.user_object import UserObject
 
 ROWS = 256
@@ -71,7 +70,7 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
         if not any(policy.everywhere(UserObject)):  # of which `loaded` has made sure
             checked.refuse_impure(policy, exact=True)
         seen = checked.histories(ROWS, policy.needs.history) if histories is None else histories
-        in_order = any(part.remembers for part in policy.everywhere(UserObject))
+        in_order = any(part.adapter.remembers for part in policy.everywhere(UserObject))
         for observed, actions in list(checked.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
             try:
                 _check_decision(policy, observed)

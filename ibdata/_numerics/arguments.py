@@ -28,6 +28,7 @@ WORDS = {  # for types by name; lists of numbers or texts have the words of one
     "str": "a text",
 }
 OTHERS = "**"  # the name that stands for further options
+METHODS = ("decide", "act", "predict")
 WRONG = object()  # in place of a value of another type
 
 
@@ -127,17 +128,29 @@ def _members(kind: Any) -> list[Any]:
 def native(value: Any) -> Any:
     """A copy of data in which tuples, ranges and arrays are lists, and numbers of numpy are Python's.
 
-    Any other value, such as a policy, stays as it is.
+    Any other value stays as it is, and so does what can act.
 
     >>> import numpy as np
     >>> native({"setpoints": np.arange(10, 40, 10), "start": {"burn_in": (1, 2)}})
     {'setpoints': [10, 20, 30], 'start': {'burn_in': [1, 2]}}
     """
+    if can_act(value):
+        return value
     if isinstance(value, Mapping):
         return {key: native(item) for key, item in value.items()}
     if isinstance(value, list | tuple | range):
         return [native(item) for item in value]
     return _native(value)
+
+
+def can_act(value: Any) -> bool:
+    """Whether a value is an object that can act as a policy: whatever else it is, it is no data."""
+    return not isinstance(value, type) and (has_method(value) or callable(value))
+
+
+def has_method(value: Any) -> bool:
+    """Whether an object has one of the methods by which it can act."""
+    return any(callable(getattr(value, name, None)) for name in METHODS)
 
 
 def _native(value: Any) -> Any:

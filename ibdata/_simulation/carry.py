@@ -11,7 +11,7 @@ from ibdata._simulation import kernel
 from ibdata._simulation.episodes import Draw, Episodes, Float32s, Floats, Ints, World, draw_uniforms
 from ibdata.dynamics import State, initial_state
 from ibdata.policies import Needs
-from ibdata.policies.actions import clip_and_round
+from ibdata.policies.distributions import clip_and_round
 
 NO_RECORD = np.empty((0, 0, 0))
 NO_ROWS = np.empty(0, dtype=np.int64)

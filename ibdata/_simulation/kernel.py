@@ -13,7 +13,7 @@ from ibdata.dynamics import variants
 from ibdata.dynamics.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, standard_noise
 from ibdata.dynamics.state import Floats
 from ibdata.dynamics.step import advance
-from ibdata.policies.actions import clipped_and_rounded
+from ibdata.policies.distributions import clipped_and_rounded
 from ibdata.views.variables import FIRST_WHOLE
 
 Float32s = npt.NDArray[np.float32]

@@ -14,6 +14,7 @@ from ibdata._simulation.episodes import Episodes, Float32s, Floats
 from ibdata._simulation.unroll import BLOCK, observed
 from ibdata.policies import Observed
 from ibdata.policies.checked import ask, raise_placed
+from ibdata.policies.user_object import remembers
 
 FRAMES = 2**18  # frames that a policy sees at a time
 
@@ -85,7 +86,7 @@ def _replayed(
         answers.append([x.reshape(n, stop - first, *x.shape[1:]) for x in found])
         return memory
 
-    if needs.memory:
+    if remembers(episodes.policy):
         for first in range(0, steps, BLOCK):
             for t, given in enumerate(observed(episodes, carry, first, min(BLOCK, steps - first)), first):
                 carry.memory = answer(given, t, t + 1)

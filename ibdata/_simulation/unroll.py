@@ -17,9 +17,9 @@ from ibdata._numerics.random import Purpose
 from ibdata._simulation.carry import Carry
 from ibdata._simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
 from ibdata.policies import Observed
-from ibdata.policies.actions import read_only
 from ibdata.policies.checked import act, ask, raise_placed
-from ibdata.policies.user_object import UserObject
+from ibdata.policies.distributions import read_only
+from ibdata.policies.user_object import remembers
 
 LANES = 256  # episodes that are simulated together, whose state and record stay in the processor's cache
 BLOCK = 32  # steps that are drawn and recorded at a time, for the same reason
@@ -73,18 +73,16 @@ def unroll(
     Raises:
         PolicyError: the policy returned no valid action.
     """
-    n, world, needs = len(episodes), episodes.world, episodes.policy.needs
-    recorded_steps = 0 if recorded is None else len(recorded)
+    n, world = len(episodes), episodes.world
+    recorded_steps, in_order = 0 if recorded is None else len(recorded), remembers(episodes.policy)
     record = np.empty((len(rows), min(BLOCK, steps) + 1, n))
-    objects = episodes.policy.everywhere(UserObject)
-    remembers = needs.memory > 0 or any(part.remembers for part in objects)
     actions, unplayed = np.empty((2, min(BLOCK, steps), n, 3), dtype=np.float32)
     log_density = np.zeros(actions.shape[:2])
     record[:, 0] = carry.state.values[rows] + 0.0
     for first, stop in pairwise(sorted({*range(0, steps, BLOCK), steps, *stops, min(recorded_steps, steps)})):
         count, clipped = stop - first, 0
         is_recorded = first < recorded_steps
-        is_asked = not is_recorded or remembers
+        is_asked = not is_recorded or in_order
         together = count if not is_asked else asked_together(episodes, count)
         if recorded is not None and is_recorded:
             actions[:count] = recorded[first:stop]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 
@@ -18,7 +19,13 @@ def canonical_file() -> Path:
     return packaged if packaged.exists() else root().parent / "docs" / "canonical.json"
 
 
+def configs_in(folder: Path) -> list[Path]:
+    """The configs in a folder, in order; none if the path is that of no folder."""
+    return sorted(folder.glob("[!.]*.yaml")) if os.path.isdir(folder) else []  # False for an invalid name
+
+
 def shipped() -> dict[str, Path]:
     """The configs that come with ibdata, by name without '.yaml'; in a suite the name is suite/name."""
-    paths = [*sorted(root().glob("[!.]*.yaml")), *sorted(root().glob("*/[!.]*.yaml"))]
+    folders = [root(), *sorted(root().iterdir())]
+    paths = [path for folder in folders for path in configs_in(folder)]
     return {path.relative_to(root()).with_suffix("").as_posix(): path for path in paths}

@@ -42,7 +42,7 @@ def init_command(file: Path) -> Printed:
     ibdata init
     ibdata init mine.yaml
     """
-    from ibdata.experiment.template import write_template
+    from ibdata.experiment.catalogue import write_template
 
     write_template(file)
     return Printed({"file": str(file)}, f"{file}: edit it, then run ibdata generate {file} --dry-run")

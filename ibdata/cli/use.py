@@ -244,7 +244,7 @@ def list_() -> Result:
 
     A name that ends with / is that of a folder of experiments.
     """
-    from ibdata.experiment.shipped import catalogue
+    from ibdata.experiment.catalogue import catalogue
 
     return catalogue()
 
@@ -277,10 +277,10 @@ def validate(config: str, overrides: tuple[str, ...], seed: int | None) -> Print
     """
     from ibdata.experiment import load_all
 
-    path, experiments = load_all(config, overrides, seed)
+    folder, files, experiments = load_all(config, overrides, seed)
     rows = sum(experiment.rows for experiment in experiments)
-    text = f"{path}: valid, {counted(rows, 'row')}"
-    return Printed({"config": str(path), "valid": True, "rows": rows}, text)
+    path = str(folder or files[0])
+    return Printed({"config": path, "valid": True, "rows": rows}, f"{path}: valid, {counted(rows, 'row')}")
 
 
 @config_command.command("show")

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import UsageError, excerpt
-from ibdata.policies.actions import DISCRETE, WHOLE, Action, clip_and_round, is_discrete, of_discrete
+from ibdata.policies.distributions import DISCRETE, NUMBERED, Action, clip_and_round, is_discrete, of_discrete
 
 NUMBERS = "finite numbers: changes of velocity, gain and shift in [-1, 1]"
 
@@ -46,7 +46,7 @@ def discrete_action(action: Any) -> Action:
     """
     number = action.item() if getattr(action, "shape", None) == () else action  # an integer of NumPy
     if type(number) is not int or not 0 <= number < len(DISCRETE):
-        raise _refusal(action, f"a whole number {WHOLE}")
+        raise _refusal(action, f"a whole number {NUMBERED}")
     return DISCRETE[number]
 
 
@@ -58,7 +58,7 @@ def discrete_actions(actions: Any, n: int) -> npt.NDArray[np.float32]:
         numbers = np.empty(0)
     converted = of_discrete(numbers) if is_discrete(numbers) and len(numbers) == n else None
     if converted is None:
-        raise _refusal(actions, f"{n} whole numbers {WHOLE}")
+        raise _refusal(actions, f"{n} whole numbers {NUMBERED}")
     return converted
 
 

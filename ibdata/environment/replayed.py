@@ -109,7 +109,7 @@ def _addresses(dataset: Any) -> Addresses:
 
 def _refuse_other_settings(experiment: Experiment, settings: Settings) -> None:
     """Raise UsageError if steps of the episodes would be others than those of the environment."""
-    if experiment.variant != settings.world.variant:
+    if experiment.scenario.variant != settings.world.variant:
         of_dataset = experiment.plain()["dynamics"]
         raise UsageError(
             f"dataset: found the dynamics {of_dataset!r}; make the environment with dynamics={of_dataset!r}"

@@ -20,7 +20,7 @@ from ibdata.dynamics.state import checked_state
 from ibdata.environment.settings import Settings
 from ibdata.errors import UsageError
 from ibdata.policies import OBSERVATION, Needs
-from ibdata.policies.actions import Action, applied
+from ibdata.policies.distributions import Action, applied
 from ibdata.views.options import Window
 from ibdata.views.rewards import scaled
 from ibdata.views.variables import FIRST_WHOLE, ROWS, VARIABLES, variable_of

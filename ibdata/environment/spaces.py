@@ -6,7 +6,7 @@ import numpy as np
 
 from ibdata.environment.settings import Settings, frame_bounds
 from ibdata.errors import missing
-from ibdata.policies.actions import DISCRETE
+from ibdata.policies.distributions import DISCRETE
 
 try:
     from gymnasium.spaces import Box, Discrete

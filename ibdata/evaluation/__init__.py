@@ -9,8 +9,8 @@ from ibdata._numerics.arguments import public
 from ibdata._system.memory import refuse_too_much
 from ibdata._system.progress import bar
 from ibdata.errors import UsageError
-from ibdata.evaluation.baselines import Against, baselines_of
-from ibdata.evaluation.play import checked_discount, play
+from ibdata.evaluation.baselines import DEFAULTS, Against, baselines_of
+from ibdata.evaluation.play import RETURN_BYTES, Played, checked_discount, play
 from ibdata.evaluation.policies import policies_of
 from ibdata.evaluation.results import SCALE, differences_of, notes, results_of, scores, with_references
 from ibdata.evaluation.results import Difference as Difference
@@ -20,10 +20,6 @@ from ibdata.experiment.scenario import other_dynamics, scenario_of
 from ibdata.policies import Policy
 from ibdata.policies.user_object import ObjectPolicy
 from ibdata.views.options import View, view_of
-
-RETURN_BYTES = 16  # least memory per episode, for two sums
-DEFAULTS: dict[str, Any] = {"setpoint": 70.0, "start": "default", "dynamics": "siemens"}
-DEFAULTS |= {"steps": 100, "discount": 0.97, "episodes": 100, "seed": 0}
 
 
 @public
@@ -109,7 +105,7 @@ def evaluate(
         everything = play(scenario, cells, discount, advance, options)
 
     budget = None if options.cost is None else options.cost.budget
-    labels, of_policies = list(policies), everything.first(len(policies))
+    labels, of_policies = list(policies), Played._make(part[: len(policies)] for part in everything)
     points = scenario.points
     scored = scores(of_policies.discounted, everything.discounted[references])
     all_notes = [*baselines.notes(), *notes(scenario.episodes, points, scored[0], classic)]

@@ -18,8 +18,8 @@ from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.models import JsonObject, Sha256
 from ibdata.errors import UsageError
+from ibdata.experiment.catalogue import full_name
 from ibdata.experiment.scenario import scenario_of
-from ibdata.experiment.shipped import full_name
 from ibdata.views.options import ViewOptions
 
 if TYPE_CHECKING:
@@ -30,6 +30,9 @@ FILE = Path(__file__).with_name("baselines.jsonl")
 PROTOTYPES = FILE.with_name("prototypes.jsonl")
 PUBLISHED = FILE.with_name("published.csv")  # a row per set, a column per algorithm
 BEHAVIOUR = "behaviour"
+# The settings of an evaluation, with what `evaluate` takes where none is given.
+DEFAULTS: dict[str, Any] = {"setpoint": 70.0, "start": "default", "dynamics": "siemens"}
+DEFAULTS |= {"steps": 100, "discount": 0.97, "episodes": 100, "seed": 0}
 WHOLE, NOTHING = "whole set", "nothing"  # parts of a set, on which a policy is trained
 
 
@@ -55,7 +58,7 @@ class Evaluated(JsonObject):
     @property
     def settings(self) -> dict[str, Any]:
         """The arguments of `evaluate`."""
-        return self.model_dump(include=SETTINGS)
+        return self.model_dump(include=set(DEFAULTS))
 
     @property
     def values(self) -> Floats | None:
@@ -64,9 +67,6 @@ class Evaluated(JsonObject):
             return None
         values = np.frombuffer(base64.b64decode(self.returns), "<f4").astype(np.float64)
         return values.reshape(-1, self.episodes)
-
-
-SETTINGS = {"setpoint", "start", "dynamics", "steps", "discount", "episodes", "seed"}
 
 
 class ModelErrors(JsonObject):

@@ -16,8 +16,8 @@ from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import PART_ROWS, episodes_of
 from ibdata.policies import Policy
-from ibdata.policies.actions import applied
-from ibdata.policies.distributions import Distribution
+from ibdata.policies.distributions import Distribution, applied
+from ibdata.policies.user_object import UserObject
 
 Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
@@ -78,7 +78,8 @@ def refuse_remembered_draws(target: Policy) -> None:
     """Raise UsageError for a target that remembers random numbers, because no data have these numbers."""
     for policy in target.everywhere(Policy):
         needs = getattr(policy, "own_needs", policy.needs)  # without those of a base
-        if needs.memory and (needs.draws or policy.needs.episode_draws):
+        is_object_that_remembers = isinstance(policy, UserObject) and policy.adapter.remembers
+        if (needs.memory or is_object_that_remembers) and (needs.draws or policy.needs.episode_draws):
             raise UsageError(
                 f"policy {target.label}: found {policy.kind}, which has a memory and random numbers, "
                 "expected only one of them: no data have numbers that it may remember; use `history` in "

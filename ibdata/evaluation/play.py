@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,18 +15,19 @@ from ibdata._simulation.episodes import Episodes, Ints, observed_rows, record_ro
 from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata._system.progress import Advance, unseen
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import is_foreign, loaded, notes_on
+from ibdata.evaluation.policies import loaded, notes_on, setpoint_notes
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
-from ibdata.policies import Observed, Policy
-from ibdata.policies.actions import read_only
-from ibdata.policies.base import SETPOINT
-from ibdata.policies.scaling import setpoint_notes
-from ibdata.policies.user_object import ObjectPolicy, clipping_notes
-from ibdata.views.options import OBSERVED, PLAIN, ViewOptions, Window
+from ibdata.policies import Observed
+from ibdata.policies.checked import clipping_notes
+from ibdata.policies.compound import is_foreign
+from ibdata.policies.distributions import read_only
+from ibdata.policies.user_object import ObjectPolicy
+from ibdata.views.options import PLAIN, ViewOptions, Window
 from ibdata.views.rewards import COSTS
 from ibdata.views.variables import variable_of
 
 Floats = npt.NDArray[np.float64]
+RETURN_BYTES = 16  # least memory per episode, for two sums
 
 
 class Played(NamedTuple):
@@ -37,10 +38,6 @@ class Played(NamedTuple):
     costs: Floats  # cost returns, undiscounted; zero for a view without a cost
     clipped: Floats  # the share of actions that were clipped, (policies, setpoints)
     notes: list[list[str]]  # on each policy
-
-    def first(self, count: int) -> Played:
-        """What the first policies got."""
-        return Played._make(part[:count] for part in self)
 
 
 def checked_discount(discount: float) -> float:
@@ -68,7 +65,7 @@ def play(
         those = slice(first_cell, first_cell + per_policy)
         alone = [cells[first_cell].policy]  # one at a time, so that their modules never meet
         with loaded(alone, columns, says=False) as [policy]:
-            at_setpoints = list(_setpoint_notes(policy, scenario, view))  # which ask it, before it acts
+            at_setpoints = list(setpoint_notes(policy, scenario, view))  # which ask it, before it acts
             for number in range(those.start, those.stop):
                 cell = dataclasses.replace(cells[number], policy=policy)
                 for first in range(0, n, LANES):
@@ -76,24 +73,12 @@ def play(
                     *returns, count = _returns(scenario, cell, number, part, discount, advance, view)
                     out[0, number, part], out[1, number, part], out[2, number, part] = returns
                     clipped[number] += count / (n * scenario.steps)
-            notes.append([*_notes(policy, view, clipped[those].mean()), *at_setpoints])
+            of_policy = list(notes_on(policy, view))
+            if is_foreign(policy):
+                of_policy += clipping_notes(clipped[those].mean(), 1.0, "actions")
+            notes.append([*of_policy, *at_setpoints])
     discounted, undiscounted, costs = out.reshape(3, -1, per_policy, n)
     return Played(discounted, undiscounted, costs, clipped.reshape(-1, per_policy), notes)
-
-
-def _notes(policy: Policy, view: ViewOptions, clipped: float) -> Iterator[str]:
-    """What is to be said of a user's code that has played; a share of its actions was clipped."""
-    yield from notes_on(policy, view)
-    if is_foreign(policy):
-        yield from clipping_notes(clipped, 1.0, "actions")
-
-
-def _setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions) -> Iterator[str]:
-    """What says that a policy was trained at other setpoints. Moving ones may reach all."""
-    frame = view.frame(scenario.drifting) if isinstance(policy, ObjectPolicy) else OBSERVED
-    if OBSERVED[SETPOINT] in frame:
-        points = (0.0, *scenario.points, 100.0) if scenario.drifting else scenario.points
-        yield from setpoint_notes(policy, points, len(frame), frame.index(OBSERVED[SETPOINT]))
 
 
 def rewarded(view: ViewOptions) -> list[str]:

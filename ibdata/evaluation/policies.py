@@ -1,29 +1,34 @@
-"""Policies that a user gives as a kind, a block, a file, or any object that acts."""
+"""Policies that a user gives as a kind, a block, a file, or an object; and what may be wrong with them."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
 
-from ibdata._numerics.naming import unequal
+from ibdata._numerics.arguments import can_act
+from ibdata._numerics.naming import exact, unequal
 from ibdata.errors import ConfigError, UsageError, notice, suggestion
 from ibdata.experiment.messages import refusals, shown
+from ibdata.experiment.scenario import Scenario
 from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
-from ibdata.policies.adapter import EXPECTED, can_act, has_needs
-from ibdata.policies.base import refuse_density
-from ibdata.policies.checked import refuse_impure
+from ibdata.policies.adapter import EXPECTED, has_needs
+from ibdata.policies.base import SETPOINT
+from ibdata.policies.checked import EPISODES, histories, played, refuse_impure
 from ibdata.policies.code import Acting
+from ibdata.policies.compound import is_foreign
+from ibdata.policies.libraries import far_notes, owner_of, scaling_of
+from ibdata.policies.network import Network
 from ibdata.policies.user_object import TARGET, Custom, ObjectPolicy, UserObject, refuse_shared
 from ibdata.policies.weights_file import SUFFIX
-from ibdata.views.options import PLAIN, ViewOptions
+from ibdata.views.options import OBSERVED, PLAIN, ViewOptions
 
 
 def policies_of(
@@ -35,25 +40,23 @@ def policies_of(
     all or by label.
     """
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
-    for label, length in lengths.items():
-        _refuse_length(length, f"history: {label}")
-    labelled = list(_labelled(policies))
-    parsed = [_policy_of(argument, common, allow_code) for _, argument in labelled]
-    labels = unequal(label or policy.label for (label, _), policy in zip(labelled, parsed, strict=True))
-    taking = [label for label, (_, argument) in zip(labels, labelled, strict=True) if takes_history(argument)]
-    _refuse_unused(common, [argument for _, argument in labelled])
+    made = [(label, *_made(given, common, allow_code)) for label, given in _labelled(policies)]
+    labels = unequal(label or policy.label for label, policy, _ in made)
+    taking = [label for label, (_, _, takes_history) in zip(labels, made, strict=True) if takes_history]
+    _refuse_unused(common, bool(taking))
     for label in lengths.keys() - taking:
         expected = f"one of {', '.join(taking)}" if taking else "no label"
         raise UsageError(f"history: found {label!r}, expected {expected}: others set their own number")
-    by_label = dict(zip(labels, parsed, strict=True))
+    by_label = {label: policy.labelled(label) for label, (_, policy, _) in zip(labels, made, strict=True)}
     for label, length in lengths.items():
-        by_label[label] = by_label[label].model_copy(update={"history": length})
+        block = {**by_label[label].options(), "name": None, "history": length}
+        by_label[label] = _block(block, f"history: {label}").labelled(label)
     return by_label
 
 
-def _refuse_unused(history: int, arguments: Iterable[Any]) -> None:
+def _refuse_unused(history: int, takes_history: bool) -> None:
     """Raise UsageError for a number of observations that none of the policies that a user gave takes."""
-    if history != 1 and not any(map(takes_history, arguments)):
+    if history != 1 and not takes_history:
         raise UsageError(
             f"history: found {history}, but no object that could see so many observations: policies of "
             "ibdata, blocks and objects with `needs` set their own number; leave it out, or give a function, "
@@ -61,23 +64,13 @@ def _refuse_unused(history: int, arguments: Iterable[Any]) -> None:
         )
 
 
-def takes_history(argument: Any) -> bool:
-    """Whether what a user gave is an object, not a block, that says nothing of what it needs."""
-    return not isinstance(argument, Policy | Mapping) and can_act(argument) and not has_needs(argument)
-
-
-def _refuse_length(history: int, place: str = "history") -> None:
-    if history < 1:
-        raise UsageError(f"{place}: found {history}, expected a whole number of at least 1")
-
-
 def _labelled(policies: Any) -> Iterator[tuple[str | None, Any]]:
     """Yield each policy with the label that the user gave it, or None."""
-    for argument in policies if isinstance(policies, list | tuple) else [policies]:
-        if not isinstance(argument, Mapping) or "kind" in argument:
-            yield None, argument
+    for given in policies if isinstance(policies, list | tuple) and not can_act(policies) else [policies]:
+        if can_act(given) or not isinstance(given, Mapping) or "kind" in given:
+            yield None, given
             continue
-        for label, policy in argument.items():
+        for label, policy in given.items():
             if not (isinstance(label, str) and label.strip() and label.isprintable()):
                 raise UsageError(f"policy: found the label {label!r}, expected a name")
             yield label, policy
@@ -89,30 +82,26 @@ def as_policy(policy: Any, history: int = 1, allow_code: bool = False) -> Policy
     An object without `needs` sees `history` observations. A custom policy in a file needs `allow_code`.
     Raises UsageError if it is none of these, ConfigError for a block that is not valid.
     """
-    _refuse_unused(history, [policy])
-    return _policy_of(policy, history, allow_code)
+    made, takes_history = _made(policy, history, allow_code)
+    _refuse_unused(history, takes_history)
+    return made
 
 
-def _policy_of(policy: Any, history: int, allow_code: bool) -> Policy:
-    _refuse_length(history)
-    if isinstance(policy, Policy):
-        return policy
-    if isinstance(policy, Mapping):
-        return _block(dict(policy), "policy")
-    if isinstance(policy, str | os.PathLike):
-        return _named(policy, allow_code)
-    if isinstance(policy, type):
-        raise UsageError(
-            f"policy: found the class {policy.__name__}, expected an object: {policy.__name__}(…)"
-        )
-    if can_act(policy):
-        try:
-            refuse_density(policy)
-        except TypeError as error:
-            raise UsageError(f"policy: {error}") from None
-        length = {"history": history} if takes_history(policy) else {}
-        return _block({"kind": "live", "target": policy, **length}, "policy")
-    raise UsageError(f"policy: found {shown(policy)}, expected one policy: a kind, a block, {EXPECTED}")
+def _made(given: Any, history: int, allow_code: bool) -> tuple[Policy, bool]:
+    """The policy of what a user gave, and whether that is an object which takes a number of observations."""
+    if isinstance(given, Policy):
+        return given, False
+    if isinstance(given, type):
+        raise UsageError(f"policy: found the class {given.__name__}, expected an object: {given.__name__}(…)")
+    if can_act(given):
+        takes_history = not has_needs(given)
+        length = {"history": history} if takes_history else {}
+        return _block({"kind": "live", "target": given, **length}, "policy"), takes_history
+    if isinstance(given, Mapping):
+        return _block(dict(given), "policy"), False
+    if isinstance(given, str | os.PathLike):
+        return _named(given, allow_code), False
+    raise UsageError(f"policy: found {shown(given)}, expected one policy: a kind, a block, {EXPECTED}")
 
 
 def _named(name: str | os.PathLike[str], allow_code: bool) -> Policy:
@@ -183,11 +172,6 @@ def loaded(
                 notice(f"{policy.label}: {note}")
 
 
-def is_foreign(policy: Policy) -> bool:
-    """Whether the class of a policy is a user's."""
-    return type(policy) not in POLICIES.values()
-
-
 @cache
 def _any_policy() -> TypeAdapter[Policy]:
     return TypeAdapter(AnyPolicy)
@@ -197,3 +181,46 @@ def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Pol
     """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
     with refusals(block, Policy, lambda problem: f"{place}: {problem.text}"):
         return _any_policy().validate_python(block, context={"folder": folder, "weights": {}})
+
+
+MOST = 90  # of the 101 whole setpoints; a policy that acts alike at fewer of them saturates there
+FEW = 4  # observations, of which some differ in the actions unless these depend on the setpoint alone
+
+
+def setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions = PLAIN) -> Iterator[str]:
+    """What says that a policy, whose objects are loaded, was trained at other setpoints, in lines."""
+    frame = view.frame(scenario.drifting) if isinstance(policy, ObjectPolicy) else OBSERVED
+    if OBSERVED[SETPOINT] not in frame:
+        return
+    moving = scenario.drifting  # to any setpoint
+    setpoints = [0.0, *scenario.points, 100.0] if moving else scenario.points
+    columns, at = len(frame), frame.index(OBSERVED[SETPOINT])
+    far = [note for scaling in _scalings(policy) for note in far_notes(scaling, setpoints, columns, at)]
+    yield from far
+    alike = [] if far else [p for p in setpoints if _acts_alike(policy, p, EPISODES, columns, at)]
+    if alike and MOST <= sum(_acts_alike(policy, p, FEW, columns, at) for p in range(101)) < 101:
+        yield (
+            f"at setpoint {', '.join(map(exact, alike))} its actions depend on nothing else that it sees, at "
+            "others they do: perhaps it scales observations by what it saw in training, at others"
+        )
+    for user_object in policy.everywhere(UserObject):
+        user_object.adapter.clipped[:] = 0  # what was asked here is made up
+
+
+def _scalings(policy: Policy) -> Iterator[dict[str, Any]]:
+    """The scalings of the networks and models in a policy."""
+    for part in policy.everywhere(Policy):
+        if isinstance(part, Network):
+            yield {"mean": part.weights.mean, "std": part.weights.std}
+        elif isinstance(part, UserObject):
+            with suppress(AttributeError, TypeError):  # of another scaler, or one that is not fitted
+                if scaling := scaling_of(owner_of(part.adapter.target)):
+                    yield scaling
+
+
+def _acts_alike(policy: Policy, setpoint: float, n: int, columns: int, at: int) -> bool:
+    """Whether a policy acts in the same way on n random observations at a setpoint."""
+    seen = histories(n, policy.needs.history, columns)
+    seen[:, :, at] = setpoint
+    [(_, actions)] = played(policy, seen, 1)
+    return bool((actions == actions[0]).all())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,26 +11,20 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.confidence import estimate
+from ibdata._numerics.naming import exact
+from ibdata.dataset.reference_returns import EXPERT, HUNDRED, ZERO
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.evaluation.baselines import Comparison
 from ibdata.evaluation.play import Played
+from ibdata.policies import POLICIES, Policy
 
 if TYPE_CHECKING:
     import pandas as pd
-from collections.abc import Iterator
-
-from ibdata._numerics.naming import exact
-from ibdata.dataset.reference_returns import EXPERT, HUNDRED, ZERO
-from ibdata.policies import POLICIES, Policy
 
 Floats = npt.NDArray[np.float64]
 
 OF_COSTS = ("mean_cost", "cost_error", "violations")  # are shown if the view has a cost
-WIDE = (
-    "interval",
-    "clipped",
-    "expert_score",
-)  # are not shown in tables; `results`, `to_pandas` and --json have them
+WIDE = ("interval", "clipped", "expert_score")  # are shown by `results`, `to_pandas` and --json only
 
 
 class Result(NamedTuple):
@@ -127,14 +121,8 @@ def _shown(names: Sequence[str], rows: Sequence[Result | Difference], notes: Seq
     """A table for the width of a terminal."""
     hidden = WIDE if any(getattr(row, "mean_cost", None) is not None for row in rows) else (*WIDE, *OF_COSTS)
     names = [name for name in names if name not in hidden]
-    cells = [_with_all(row)._asdict() for row in rows]
+    cells = [{**row._asdict(), **({"setpoint": "all"} if row.setpoint is None else {})} for row in rows]
     return Table(names, [[row[name] for name in names] for row in cells], notes)
-
-
-def _with_all(row: Result | Difference) -> Result | Difference:
-    """A row as tables show it: with "all" for a result over all setpoints."""
-    shown: Any = "all" if row.setpoint is None else row.setpoint
-    return row._replace(setpoint=shown)
 
 
 def results_of(

@@ -20,16 +20,14 @@ from ibdata.dynamics import State
 from ibdata.dynamics.state import checked_state
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.play import rewarded, rewards_of
-from ibdata.evaluation.states import Source
+from ibdata.evaluation.states import WATCHER, Source
 from ibdata.experiment.rollout import episodes_of
 from ibdata.experiment.scenario import form_digest, scenario_of
-from ibdata.policies.actions import finite_actions
-from ibdata.policies.baselines import Constant
+from ibdata.policies.distributions import finite_actions
 from ibdata.views.options import View, ViewOptions, Window, view_of
 from ibdata.views.rewards import scaled
 
 RECORDED = "recorded"
-WATCHER = Constant()  # a policy that is never asked, since all actions are given
 
 
 class Rollouts(NamedTuple):
@@ -152,7 +150,7 @@ def _begun(start: Any, rows: Any, noise: int | str) -> Iterator[Begun]:
     if rows is not None:
         source = Source(whole_dataset(start).stored)
         episodes, steps = source.episodes_and_steps(rows)
-        carry = source.carries_at(episodes, steps, WATCHER)
+        carry = source.carries_at(episodes, steps)
         for experiment, positions, inner in source.by_experiment(episodes):
             recorded, world = episodes_of(experiment, inner), experiment.scenario.world
             keys, index, first = recorded.keys, recorded.index, steps[positions]

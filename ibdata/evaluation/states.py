@@ -29,7 +29,7 @@ class Addresses:
     """The addresses of a dataset's episodes. Raises DatasetError if this ibdata makes other episodes."""
 
     def __init__(self, stored: Stored, spec: DatasetSpec | None = None) -> None:
-        self._spec = spec or spec_in(stored)
+        self.stored, self._spec = stored, spec or spec_in(stored)
         refuse_other_plan(self._spec, stored.manifest)
         names = ("length", "shard", "row_start")
         self.lengths, self.shards, self.starts = (stored.episodes[name].to_numpy() for name in names)
@@ -49,6 +49,7 @@ class Addresses:
 
 
 BATCH_ROWS = 65_536
+WATCHER = Constant()  # a policy that is never asked, where all actions are given
 
 
 @public
@@ -76,14 +77,7 @@ def state_at(ds: Place, rows: Any) -> State:
     """
     source = Source(whole_dataset(ds).stored)
     episodes, steps = source.episodes_and_steps(rows)
-    return source.carries_at(episodes, steps, Constant()).state  # any policy that sees nothing
-
-
-def _is_ambiguous(rows: Any) -> bool:
-    """Whether rows of Python numbers might be both (episode, step) and something else."""
-    if not isinstance(rows, tuple):
-        return isinstance(rows, list) and len(rows) == 2 and np.ndim(rows) == 1
-    return len(rows) != 2 or all(isinstance(part, tuple) and len(part) == 2 for part in rows)
+    return source.carries_at(episodes, steps).state
 
 
 class Batch(NamedTuple):
@@ -106,10 +100,6 @@ class Batch(NamedTuple):
 class Source(Addresses):
     """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
 
-    def __init__(self, stored: Stored, spec: DatasetSpec | None = None) -> None:
-        self.stored = stored
-        super().__init__(stored, spec)
-
     def episodes_and_steps(self, rows: Any) -> tuple[Ints, Ints]:
         """Episodes and steps (n,) of rows as `state_at` takes them. Raises UsageError if there is none."""
         episodes, steps = self._episodes_and_steps(rows)
@@ -124,7 +114,11 @@ class Source(Addresses):
             except KeyError as error:
                 expected = "expected columns episode, step"
                 raise UsageError(f"rows: found a table without {error}, {expected}") from None
-        if _is_ambiguous(rows):
+        if isinstance(rows, tuple):
+            is_ambiguous = len(rows) != 2 or all(isinstance(x, tuple) and len(x) == 2 for x in rows)
+        else:
+            is_ambiguous = isinstance(rows, list) and len(rows) == 2 and np.ndim(rows) == 1
+        if is_ambiguous:
             expected = "(episode, step), or an array of pairs of them (n, 2), or of numbers of rows"
             raise UsageError(f"rows: found {excerpt(rows)}, expected {expected}")
         if isinstance(rows, tuple):
@@ -153,7 +147,7 @@ class Source(Addresses):
             )
         return episodes, steps
 
-    def carries_at(self, episodes: Ints, steps: Ints, policy: Policy) -> Carry:
+    def carries_at(self, episodes: Ints, steps: Ints, policy: Policy = WATCHER) -> Carry:
         """Simulate up to rows (n,), which a policy watches; DatasetError if they differ from the stored."""
         out = Carry.at(State.zeros(len(episodes)), policy.needs)
         different = np.unique(episodes)

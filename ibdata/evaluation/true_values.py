@@ -18,13 +18,13 @@ from ibdata._system.memory import refuse_too_much
 from ibdata.dataset.dataset import Place, whole_dataset
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
-from ibdata.evaluation.play import Floats, checked_discount, returns_of
+from ibdata.evaluation.play import RETURN_BYTES, Floats, checked_discount, returns_of
 from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import form_digest, scenario_of
 from ibdata.policies import Policy
-from ibdata.policies.actions import finite_actions
+from ibdata.policies.distributions import finite_actions
 
 
 def branches_at(
@@ -104,9 +104,6 @@ def branch_returns(
         )
         out[lanes] = returns_of(blocks, discount).discounted
     return out.reshape(-1, branches)
-
-
-RETURN_BYTES = 16  # least memory per branch, for two sums
 
 
 class Value(NamedTuple):

@@ -11,18 +11,20 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from ruamel.yaml import YAML
 
 from ibdata._numerics.arguments import native, public
+from ibdata._system.configs import configs_in
 from ibdata.errors import ConfigError, Loc, UsageError
+from ibdata.experiment.catalogue import find, shipped, suites
 from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
-from ibdata.experiment.shipped import find, is_suite, shipped, suites
 from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 from ibdata.policies.base import FrozenModel
+from ibdata.policies.compound import block_of
 
 # The ways to name an experiment: a path, a shipped name, a mapping, or an Experiment itself.
 Config = Annotated[
@@ -67,42 +69,45 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
     if isinstance(config, Experiment):
-        return _checked(native(config.options()), overrides, seed, config.context)
+        return _checked(native(config.options()), overrides, seed, config.checked_with)
     if isinstance(config, Mapping):
         return _checked(native(config), overrides, seed, {"weights": {}})
     path = find(config)
-    if is_suite(path):
-        example = sorted(path.glob("[!.]*.yaml"))[0]
+    if files := configs_in(path):
         raise UsageError(
-            f"{path}: found a folder of experiments, expected a file such as {example}; "
+            f"{path}: found a folder of experiments, expected a file such as {files[0]}; "
             "generate takes a folder"
         )
     return _read(path, overrides, seed)
 
 
-def load_all(
-    config: Config, overrides: Overrides = (), seed: int | None = None
-) -> tuple[Path | None, list[Experiment]]:
+class Loaded(NamedTuple):
+    """Experiments, and where they are from."""
+
+    folder: Path | None  # None for one experiment
+    files: list[Path]  # of the experiments; none if it is given in Python
+    experiments: list[Experiment]
+
+
+def load_all(config: Config, overrides: Overrides = (), seed: int | None = None) -> Loaded:
     """Find and load all experiments of a folder or a shipped suite, in the order of their files.
 
     Anything else is one experiment, as in `load`. Raises the errors of `load`, for all files at once.
-
-    Returns:
-        The folder or the file, or None if the experiment is from neither; and the experiments.
     """
     if isinstance(config, Mapping | Experiment):
-        return None, [load(config, overrides, seed)]
+        return Loaded(None, [], [load(config, overrides, seed)])
     path = find(config)
+    files = configs_in(path)
     experiments: list[Experiment] = []
     problems: list[str] = []
-    for file in sorted(path.glob("[!.]*.yaml")) if is_suite(path) else [path]:
+    for file in files or [path]:
         try:
             experiments.append(_read(file, overrides, seed))
         except UsageError as error:
             problems += str(error).split("\n")
     if problems:
         raise ConfigError(list(dict.fromkeys(problems)))  # each file reports the same problem of an override
-    return path, experiments
+    return Loaded(path, files, experiments) if files else Loaded(None, [path], experiments)
 
 
 def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
@@ -116,12 +121,12 @@ def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
     if not isinstance(document.data, dict):
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
 
-    def begin(problem: Problem) -> str:
+    def place(problem: Problem) -> str:
         line, column = document.position(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
     context = {"folder": path.parent.absolute(), "weights": {}}
-    return _checked(document.data, overrides, seed, context, begin)
+    return _checked(document.data, overrides, seed, context, place)
 
 
 def _checked(
@@ -129,9 +134,9 @@ def _checked(
     overrides: Overrides,
     seed: int | None,
     context: dict[str, Any],
-    begin: Callable[[Problem], str] = lambda problem: "",
+    place: Callable[[Problem], str] = lambda problem: "",
 ) -> Experiment:
-    """Apply the overrides and check the experiment; `begin` begins the line of a problem in the file."""
+    """Apply the overrides and check the experiment; `place` begins the line of a problem in the file."""
     changed: set[Loc] = set()
     pairs = overrides.items() if isinstance(overrides, Mapping) else map(_parsed, overrides)
     for key, value in pairs:
@@ -147,7 +152,7 @@ def _checked(
         if seed is not None and problem.loc == ("seed",):
             return problem.text
         is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))
-        return f"override {problem.text}" if is_changed else begin(problem) + problem.text
+        return f"override {problem.text}" if is_changed else place(problem) + problem.text
 
     with refusals(data, Experiment, line):
         return Experiment.model_validate(data, context=context)
@@ -167,7 +172,7 @@ def _parsed(override: str) -> tuple[str, Any]:
 def _put(data: Any, key: str, value: Any) -> Loc:
     """Put a value at a dotted key. Returns the shortest new path.
 
-    A missing parent becomes a mapping, and the bare name of a policy becomes its block.
+    A missing parent becomes a mapping, and the bare name or the object of a policy becomes its block.
     """
     if (dotted := re.sub(r"\.?\[['\"]?(\w+)['\"]?\]", r".\1", key)) != key:
         raise UsageError(f"override: found the key {key!r}; did you mean {dotted!r}?")
@@ -180,9 +185,9 @@ def _put(data: Any, key: str, value: Any) -> Loc:
         index = _index(data, part, key)
         path = (*path, index)
         child = data.get(index) if isinstance(data, dict) else data[index]
-        if isinstance(child, str) and path[0] == "policies":
-            child = data[index] = {"kind": child}
-        elif isinstance(child, FrozenModel):
+        if path[0] == "policies":
+            child = data[index] = block_of(child)
+        if isinstance(child, FrozenModel):
             child = data[index] = native(child.options())
         elif not isinstance(child, dict | list):
             child = data[index] = {}

@@ -8,7 +8,6 @@ holds the versions of the packages in use.
 from __future__ import annotations
 
 import importlib.metadata
-import re
 import sys
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -32,14 +31,14 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
     Raises UsageError if the code may not run, or if a policy is a live object that no longer exists. With
     `again`, other processes may need the policy, so every live object is refused.
     """
-    targets = list(dict.fromkeys(custom.target for custom in spec.policies_of(Custom)))
+    targets = list(dict.fromkeys(custom.target for custom in spec.custom))
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
             "--allow-code if you trust it"
         )
     refuse_within_itself(targets)
-    for user_object in spec.policies_of(ObjectPolicy):
+    for user_object in spec.live:
         if again or not user_object.is_here:
             raise UsageError(
                 f"{where}: found {user_object.code_target}, an object that acts in the Python session of its "
@@ -65,7 +64,7 @@ def record(policies: Sequence[UserObject]) -> list[Code]:
         file = policy.target_file()
         entry = Code(
             target=policy.code_target,
-            version=_version(re.split("[.:]", policy.target)[0]) if isinstance(policy, Custom) else None,
+            version=_version(policy.source.partition(".")[0]) if isinstance(policy, Custom) else None,
             sha256=None if file is None else file_sha256(file),
             files={name: file_sha256(path) for name, path in policy.files_used().items()},
         )
@@ -104,7 +103,8 @@ def _version(package: str) -> str | None:
 def changed_here(spec: DatasetSpec, record: Sequence[Code]) -> list[str]:
     """The files of a record whose content differs on this machine. Nothing is imported to find them."""
     subfolders = [Path(), *(Path(code.target.partition(":")[0]).parent for code in record)]
-    places = two_places(Path.cwd(), spec.experiments[0].folder)
+    known = dict.fromkeys(custom.checked_with["folder"] for custom in spec.custom)
+    places = dict.fromkeys(place for folder in known for place in two_places(Path.cwd(), folder))
     folders = [place / subfolder for place in places for subfolder in subfolders]
     folders += map(Path, sys.path)
     names = []

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -15,8 +14,9 @@ from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, printable
 from ibdata.experiment.fields import EpisodeRange, Split
 from ibdata.experiment.models import Experiment
-from ibdata.policies import Policy
 from ibdata.policies.code import Acting
+from ibdata.policies.network import Network
+from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 from ibdata.policies.weights_file import Weights
 
 
@@ -38,9 +38,6 @@ class Shard(NamedTuple):
     def stem(self) -> str:
         """The beginning of the shard's path inside the dataset; a token follows."""
         return f"data/part-{self.number:05d}"
-
-
-P = TypeVar("P", bound=Policy)
 
 
 class Run(NamedTuple):
@@ -80,10 +77,8 @@ class DatasetSpec:
         return cls(experiment.name, (experiment,))
 
     @classmethod
-    def from_plain(
-        cls, data: Mapping[str, Any], weights: Mapping[str, bytes], folder: Path | None = None
-    ) -> DatasetSpec:
-        """Read the data of `plain` and `weights`, or of a dataset; code is looked for in the folder too."""
+    def from_plain(cls, data: Mapping[str, Any], weights: Mapping[str, bytes]) -> DatasetSpec:
+        """Read the data of `plain` and `weights`, or of a dataset."""
         known = {}
         for path, content in weights.items():
             try:
@@ -91,9 +86,12 @@ class DatasetSpec:
             except ValueError as error:
                 raise DatasetError(f"{path}: {error}") from None
             known[read.sha256] = read
-        context = {"folder": folder, "weights": known}
+        context = {"weights": known}
         experiments = (Experiment.model_validate(plain, context=context) for plain in data["experiments"])
         return cls(data["name"], tuple(experiments))
+
+    def __reduce__(self) -> tuple[type[DatasetSpec], tuple[Any, ...]]:
+        return DatasetSpec, (self.name, self.experiments, self.later)  # without what was computed
 
     def plain(self) -> dict[str, Any]:
         """Name and experiments as plain data for JSON. No shard needs the later splits."""
@@ -141,19 +139,25 @@ class DatasetSpec:
         return list(dict.fromkeys(experiment.licence for experiment in self.experiments))
 
     @property
-    def context(self) -> dict[str, Any]:
-        """The weights of all networks by their SHA-256, with which the experiments are read."""
-        each = (experiment.context["weights"] for experiment in self.experiments)
-        return {"weights": {sha256: weights for of_one in each for sha256, weights in of_one.items()}}
-
-    @property
     def weights(self) -> dict[str, bytes]:
         """The contents of the weights files of all networks, by their names in a dataset."""
-        return {weights.name: weights.data for weights in self.context["weights"].values()}
+        networks = (network for each in self.experiments for network in each.everywhere(Network))
+        return {network.weights.name: network.weights.data for network in networks}
 
-    def policies_of(self, kind: type[P]) -> list[P]:
-        """The policies of a class, including parts of others."""
-        return [policy for experiment in self.experiments for policy in experiment.everywhere(kind)]
+    @cached_property
+    def user_objects(self) -> list[UserObject]:
+        """The policies that act through objects of users, including parts of others."""
+        return [policy for experiment in self.experiments for policy in experiment.everywhere(UserObject)]
+
+    @cached_property
+    def live(self) -> list[ObjectPolicy]:
+        """Those whose object is one of a Python session."""
+        return [policy for policy in self.user_objects if isinstance(policy, ObjectPolicy)]
+
+    @cached_property
+    def custom(self) -> list[Custom]:
+        """Those whose object is made by code that is named."""
+        return [policy for policy in self.user_objects if isinstance(policy, Custom)]
 
     def loaded(self, acting: Acting) -> DatasetSpec:
         """A copy in which all objects of users are loaded, so that they can act until `acting` ends."""

@@ -21,25 +21,21 @@ MAX_SETPOINTS = 10_000
 SHARE_PATTERN = r"^(first|last) ([1-9][0-9]?) ?%$"
 
 
-def _whole(value: Any) -> Any:
-    """Accept 1e3 as a whole number. Strict integers then refuse true."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
 def _not_default(name: str) -> str:
     if name == "default":
         raise ValueError("found 'default', the name of the whole dataset; choose another")
     return name
 
 
-WHOLE = BeforeValidator(_whole)
+# 1e3 is a whole number. Strict integers then refuse true.
+FROM_FLOAT = BeforeValidator(lambda x: int(x) if isinstance(x, float) and x.is_integer() else x)
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 # -0.0 becomes 0.0, so that both have the same digest.
 Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
-EpisodeCount = Annotated[int, Field(strict=True, ge=1, lt=2**48), WHOLE]
-StepCount = Annotated[int, Field(strict=True, ge=1, lt=2**31), WHOLE]
-EpisodeIndex = Annotated[int, Field(strict=True, ge=0), WHOLE]
-Seed = Annotated[int, Field(strict=True, ge=0, lt=2**64), WHOLE]
+EpisodeCount = Annotated[int, Field(strict=True, ge=1, lt=2**48), FROM_FLOAT]
+StepCount = Annotated[int, Field(strict=True, ge=1, lt=2**31), FROM_FLOAT]
+EpisodeIndex = Annotated[int, Field(strict=True, ge=0), FROM_FLOAT]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**64), FROM_FLOAT]
 Licence = Annotated[str, Field(pattern=LICENCE_PATTERN)]
 FileName = Annotated[str, Field(pattern=NAME_PATTERN)]
 SplitName = Annotated[FileName, AfterValidator(_not_default)]
@@ -154,7 +150,7 @@ class BurnIn(FrozenModel):
     """A random number of steps with uniform random actions, which policies see but which are not recorded."""
 
     burn_in: Annotated[
-        list[Annotated[int, Field(strict=True, ge=0, le=100_000), WHOLE]],
+        list[Annotated[int, Field(strict=True, ge=0, le=100_000), FROM_FLOAT]],
         Field(min_length=2, max_length=2),
         AfterValidator(_ordered),
     ] = Field(description="[fewest, most] steps; all numbers between them are equally likely")
@@ -184,7 +180,7 @@ class Output(FrozenModel):
     expert_action: Annotated[bool, Field(strict=True)] | None = Field(
         default=None, description="whether each row has the action that the expert would take there"
     )
-    shard_rows: Annotated[int, Field(strict=True, ge=1, le=100_000_000), WHOLE] = Field(
+    shard_rows: Annotated[int, Field(strict=True, ge=1, le=100_000_000), FROM_FLOAT] = Field(
         default=1_000_000, description="most rows of a file, which holds whole episodes and at least one"
     )
 
@@ -209,7 +205,7 @@ class Split(FrozenModel):
     ) = Field(default=None, description="a label or a list; default: all")
     episodes: (
         Annotated[
-            Annotated[Annotated[int, Field(strict=True, ge=1), WHOLE], Tag("<number>")]
+            Annotated[Annotated[int, Field(strict=True, ge=1), FROM_FLOAT], Tag("<number>")]
             | Annotated[EpisodeRange, Tag("<mapping>")]
             | Annotated[str, Field(pattern=SHARE_PATTERN), Tag("<word>")],
             by_type("<number>", "<mapping>", "<word>"),

@@ -155,8 +155,11 @@ def _options_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
         if part is not None:
             data = data[part]
         if (field := model.model_fields.get(str(part))) is not None:
-            candidates = _models(field.annotation)
-            model = max(candidates, key=lambda candidate: _fit(candidate, data), default=model)
+            keys = set(data if isinstance(data, dict) else ())  # of which most are fields of the right model
+            fit = {
+                candidate: len(keys & set(candidate.model_fields)) for candidate in _models(field.annotation)
+            }
+            model = max(fit, key=fit.__getitem__, default=model)
         if isinstance(data, dict):
             model = POLICIES.get(str(data.get("kind")), model)
     return list(model.model_fields)
@@ -167,11 +170,6 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
     if arguments := get_args(annotation):  # first, because to Python 3.10 list[int] is a type
         return [model for argument in arguments for model in _models(argument)]
     return [annotation] if isinstance(annotation, type) and issubclass(annotation, BaseModel) else []
-
-
-def _fit(model: type[BaseModel], data: Any) -> int:
-    """How many keys of a mapping are fields of a model."""
-    return len(set(data) & set(model.model_fields)) if isinstance(data, dict) else 0
 
 
 def _words(expected: str) -> list[str]:

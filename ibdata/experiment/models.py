@@ -17,7 +17,6 @@ from pydantic import (
 
 from ibdata._numerics.arguments import native
 from ibdata._numerics.naming import counted, exact, unequal
-from ibdata.dynamics import Variant
 from ibdata.errors import Loc, Problems, meant
 from ibdata.experiment.fields import (
     LICENCE,
@@ -107,14 +106,9 @@ class Experiment(FrozenModel):
         )
 
     @property
-    def context(self) -> dict[str, Any]:
+    def checked_with(self) -> dict[str, Any]:
         """The folder, and the weights of all networks by their SHA-256, so that a copy needs no file."""
-        return {**super().context, "folder": self._folder}
-
-    @property
-    def variant(self) -> Variant:
-        """The dynamics as a variant."""
-        return self.scenario.variant
+        return {**super().checked_with, "folder": self._folder}
 
     @property
     def drifting(self) -> bool:
@@ -173,7 +167,7 @@ class Experiment(FrozenModel):
 
     def part(self, steps: int, episodes: int) -> Experiment:
         """The same cells with fewer steps and episodes, and without splits, which may name other episodes."""
-        return self.model_copy(update={"steps": steps, "episodes": episodes, "splits": {}})
+        return self.with_options(steps=steps, episodes=episodes, splits={})
 
     def plain(self) -> dict[str, Any]:
         """The experiment as plain data for YAML, including all defaults."""

@@ -16,9 +16,8 @@ from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
 from ibdata.policies import OBSERVATION
-from ibdata.policies.actions import applied
 from ibdata.policies.compound import PolicyMixture
-from ibdata.policies.distributions import Distribution
+from ibdata.policies.distributions import Distribution, applied
 from ibdata.policies.expert import Expert
 
 LEAST_LANES = 64

@@ -16,7 +16,7 @@ from ibdata._simulation.episodes import World
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
 from ibdata.dynamics.variants import VariantError
 from ibdata.experiment.fields import (
-    WHOLE,
+    FROM_FLOAT,
     Drifting,
     EpisodeCount,
     Real,
@@ -64,7 +64,7 @@ def _strict(hint: Any) -> Any:
     """The type of a field of `Variant`, with strict numbers as in the other models."""
     if get_origin(hint) is tuple:
         return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]  # known at run time
-    return {float: Real, int: Annotated[int, WHOLE, Field(strict=True)]}[hint]
+    return {float: Real, int: Annotated[int, FROM_FLOAT, Field(strict=True)]}[hint]
 
 
 CustomDynamics = create_model(

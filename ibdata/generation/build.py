@@ -30,7 +30,6 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import finish
 from ibdata.generation.record import Record
 from ibdata.generation.shard import DATASET, WrittenShard, all_written, has_size, is_whole, read_receipt
-from ibdata.policies.user_object import ObjectPolicy
 
 
 class Build:
@@ -103,7 +102,7 @@ class Build:
 
     def begun_shards(self) -> int:
         """How many shards of this dataset are finished in the part, as far as the files of its code tell."""
-        if self.spec.policies_of(ObjectPolicy):
+        if self.spec.live:
             return 0  # whose run begins again
         mine = Record.of(self.spec, code=[], reproducible=False).makes()
         return max(
@@ -154,7 +153,7 @@ class Build:
             except Interrupted as error:
                 if done := self.finished:
                     how = "the same command goes on"
-                    if self.spec.policies_of(ObjectPolicy):
+                    if self.spec.live:
                         how = "with an object of this session as a policy, a run begins again"
                     error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; {how}"
                 raise
@@ -284,7 +283,7 @@ def is_of(listed: Manifest, spec: DatasetSpec) -> bool:
 
 def refuse_other(listed: Manifest, spec: DatasetSpec, name: str, remedy: str) -> None:
     """Raise UsageError if a manifest is that of another dataset."""
-    is_of_object, is_same = bool(spec.policies_of(ObjectPolicy)), is_of(listed, spec)
+    is_of_object, is_same = bool(spec.live), is_of(listed, spec)
     if is_same and not is_of_object:
         return
     whose = "an object of a Python session" if is_same else "another experiment"

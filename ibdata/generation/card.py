@@ -15,7 +15,6 @@ from ibdata.dataset.tabular import column_texts
 from ibdata.errors import printable
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.metadata import info, splits
-from ibdata.policies.user_object import ObjectPolicy
 from ibdata.version import __version__
 
 DYNAMICS = {
@@ -229,7 +228,7 @@ def _columns(described: Info) -> Iterator[str]:
 
 def how_to_make_again(spec: DatasetSpec) -> list[str]:
     """The lines that say how to make a dataset again, if that can be done."""
-    live = [live_object.code_target for live_object in spec.policies_of(ObjectPolicy)]
+    live = [live_object.code_target for live_object in spec.live]
     if live:
         names = ", ".join(f"`{target}`" for target in dict.fromkeys(live))
         return [f"Nobody can make it again: a policy was an object of a Python session, {names}."]

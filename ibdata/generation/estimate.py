@@ -16,7 +16,6 @@ from ibdata.experiment import KEYS, Config, Overrides, load_all
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.shipped import is_suite
 from ibdata.generation.build import Build
 from ibdata.generation.generate import places_of
 from ibdata.generation.upload import refuse_overwrite
@@ -82,13 +81,13 @@ def estimate(
     Raises:
         IbdataError: As in `generate`.
     """
-    path, experiments = load_all(config, overrides, seed)
+    folder, files, experiments = load_all(config, overrides, seed)
     specs = [DatasetSpec.of(experiment) for experiment in experiments]
     for spec in specs:
         require_consent(spec, spec.name, allow_code)
-    places = places_of(path, specs, out)
+    places = places_of(folder, files, specs, out)
     runs = [_estimate(spec, place, overwrite) for spec, place in zip(specs, places, strict=True)]
-    if path is None or not is_suite(path):
+    if folder is None:
         return runs[0]
     total = {key: sum(run[key] for run in runs) for key in ("episodes", "rows", "shards", "bytes")}
     return Estimate({"out": str(Path(runs[0]["out"]).parent), **total, "experiments": runs})

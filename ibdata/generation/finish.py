@@ -32,7 +32,6 @@ from ibdata.generation import metadata
 from ibdata.generation.card import card
 from ibdata.generation.croissant import croissant
 from ibdata.generation.shard import WrittenShard, content_of
-from ibdata.policies.user_object import UserObject
 from ibdata.version import __version__
 
 NEED_CONTENT = (EPISODES, STATISTICS)
@@ -174,7 +173,7 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
         ("experiments", {"shards": shards}, {"shards": expected_shards}),
         ("rows", listed.rows, spec.rows),
         ("files", sorted(files), sorted(expected_files)),
-        ("code", targets, list(dict.fromkeys(policy.code_target for policy in spec.policies_of(UserObject)))),
+        ("code", targets, list(dict.fromkeys(policy.code_target for policy in spec.user_objects))),
     ):
         if message := first_difference(found, expected):
             yield rule, message

@@ -21,9 +21,9 @@ from ibdata._system.storage import Remote, is_url, local, refuse_url, url_of
 from ibdata.dataset.dataset import Dataset
 from ibdata.errors import UsageError, notice
 from ibdata.experiment import KEYS, Config, Overrides, load_all
+from ibdata.experiment.catalogue import shipped
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.experiment.shipped import is_suite, shipped
 from ibdata.generation import upload
 from ibdata.generation.build import Build, refuse_damage, refuse_name, size_in
 from ibdata.generation.process import Process, process_for
@@ -85,10 +85,9 @@ def generate(
     """
     run = select_engine(engine, workers, address)
     shard_range = None if shards is None else Range.parse(shards)
-    path, experiments = load_all(config, overrides, seed)
-    folder = path is not None and is_suite(path)
+    folder, files, experiments = load_all(config, overrides, seed)
     specs = [DatasetSpec.of(experiment) for experiment in experiments]
-    places = places_of(path, specs, out)
+    places = places_of(folder, files, specs, out)
     elsewhere = shard_range is not None or engine != "local"
     for spec in specs:
         require_consent(spec, spec.name, allow_code, again=elsewhere)
@@ -108,7 +107,10 @@ def generate(
 
 
 def places_of(
-    path: Path | None, specs: Sequence[DatasetSpec], out: str | os.PathLike[str] | None
+    folder: Path | None,
+    files: Sequence[Path],
+    specs: Sequence[DatasetSpec],
+    out: str | os.PathLike[str] | None,
 ) -> list[Path | str]:
     """The folder or URL of each dataset of a file or folder: by default data/<name>, or data/<shipped path>.
 
@@ -116,17 +118,17 @@ def places_of(
     """
     if out is not None:
         refuse_name(os.fspath(out).rstrip("/").split("/"), out)
-    if path is None or not is_suite(path):
+    if folder is None:
         if out is not None:
             return [url_of(out) or Path(out)]
-        names: dict[Path | None, str] = {file: name for name, file in shipped().items()}
-        return [Path("data", names.get(path, specs[0].name))]
+        names = [name for name, file in shipped().items() if file in files]
+        return [Path("data", *names or [specs[0].name])]
     if is_url(out):
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
-    root = Path("data", path.resolve().name) if out is None else Path(out)
+    root = Path("data", folder.resolve().name) if out is None else Path(out)
     if os.path.lexists(local(root)) and not local(root).is_dir():
         raise UsageError(f"{root}: is a file, not a folder; choose another --out")
-    return [root / file.stem for file in sorted(path.glob("[!.]*.yaml"))]
+    return [root / file.stem for file in files]
 
 
 def _generate_one(

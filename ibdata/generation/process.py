@@ -25,7 +25,6 @@ from ibdata._system.signals import held, leave_to_parent
 from ibdata.errors import IbdataError, notice
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Acting, is_fresh
-from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 
 # The path of modules comes from the parent. Before it is set, nothing is imported, because `python -c` looks
 # in the current folder before all others.
@@ -55,9 +54,9 @@ def process_for(spec: DatasetSpec) -> Iterator[Process]:
     It is this process itself if there is no custom code, if a policy is a live object, or if it is that of a
     command; otherwise a new one.
     """
-    for target in dict.fromkeys(custom.target for custom in spec.policies_of(Custom)):
+    for target in dict.fromkeys(custom.target for custom in spec.custom):
         notice(f"running the code of {target}")
-    is_here = not spec.policies_of(UserObject) or is_fresh() or spec.policies_of(ObjectPolicy)
+    is_here = not spec.user_objects or is_fresh() or spec.live
     with closing((Here if is_here else Worker)(spec, Path.cwd())) as process:
         yield process
 
@@ -70,7 +69,7 @@ class Here:
 
     @cached_property
     def _loaded(self) -> DatasetSpec:
-        return self.spec.loaded(self._acting) if self.spec.policies_of(UserObject) else self.spec
+        return self.spec.loaded(self._acting) if self.spec.user_objects else self.spec
 
     def close(self) -> None:
         """Let no object act from now on."""
@@ -86,20 +85,9 @@ class Here:
 class WorkerTask(NamedTuple):
     """What a worker needs to know before it is asked for anything."""
 
-    spec: dict[str, Any]  # as `DatasetSpec.plain` gives it
-    weights: dict[str, bytes]
+    spec: DatasetSpec
     folder: Path  # the current one
-    yaml_folder: Path | None  # that of the YAML file
     root: Path | None  # the folder of the run, with whose record the worker is compared
-
-    @classmethod
-    def of(cls, spec: DatasetSpec, folder: Path, root: Path | None) -> WorkerTask:
-        """The task for a dataset."""
-        return cls(spec.plain(), spec.weights, folder, spec.experiments[0].folder, root)
-
-    def here(self) -> Here:
-        """The process in which the dataset is made, which is this one."""
-        return Here(DatasetSpec.from_plain(self.spec, self.weights, self.yaml_folder), self.folder)
 
 
 class Question(NamedTuple):
@@ -129,7 +117,7 @@ class Worker:
     def __init__(self, spec: DatasetSpec, folder: Path, root: Path | None = None) -> None:
         self.spec, self.folder = spec, folder
         self._machine_code = TemporaryDirectory(prefix="ibdata-", ignore_cleanup_errors=True)
-        self._waiting: list[Any] = [WorkerTask.of(spec, folder, root)]
+        self._waiting: list[Any] = [WorkerTask(spec, folder, root)]
         self._pipe, theirs = Pipe()
         path = [folder for folder in sys.path if folder]
         arguments = [sys.executable, "-c", BEGIN, str(theirs.fileno()), *path]
@@ -190,7 +178,7 @@ def _work(task: WorkerTask, questions: SimpleQueue[Question], pipe: Connection) 
     from ibdata.generation.record import agree
 
     os.chdir(task.folder)  # a policy may have changed the parent's current folder
-    here, root = task.here(), task.root
+    here, root = Here(task.spec, task.folder), task.root
     while True:
         function, arguments, shows_progress = questions.get()
         progress = (lambda rows: pipe.send(Rows(rows))) if shows_progress else None

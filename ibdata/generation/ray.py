@@ -21,7 +21,6 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.process import Here, Process, WorkerTask
 from ibdata.generation.record import agree
 from ibdata.generation.workers import make_shard
-from ibdata.policies.user_object import UserObject
 
 MAX_DEATHS = 3  # of workers, at one shard
 POLL = 0.2  # seconds between checks for a signal
@@ -55,7 +54,7 @@ def run(
     ray = library()
     with _connected(ray, workers, address) as is_started:
         work = ray.remote(max_retries=MAX_DEATHS, **_own_workers(process.spec, root))(_work)
-        task = ray.put(WorkerTask.of(process.spec, process.folder, root))
+        task = ray.put(WorkerTask(process.spec, process.folder, root))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -95,7 +94,7 @@ def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
 
 def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
     """Options that give a run with custom code workers that have imported none: those of an environment."""
-    if not spec.policies_of(UserObject):
+    if not spec.user_objects:
         return {}
     machine_code = str(root / f"numba-{secrets.token_hex(4)}")
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}
@@ -113,9 +112,9 @@ def _work(task: WorkerTask, shard: Shard) -> None:
             f"{root.parents[1]}: not found on a host of Ray, expected a folder that all hosts share"
         )
     processes.purpose = "worker"
-    run = root, json.dumps(task.spec, sort_keys=True)
+    run = root, json.dumps(task.spec.plain(), sort_keys=True)
     if run not in _known:
-        here = task.here()
+        here = Here(task.spec, task.folder)
         here.call(agree, root)
         _known[run] = here
     _known[run].call(make_shard, shard, root, True, None, progress=unseen)

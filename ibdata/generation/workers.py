@@ -19,7 +19,6 @@ from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.pieces import Piece, simulated
 from ibdata.generation.process import Process, Progress, Worker
 from ibdata.generation.shard import DATASET, write_receipt, write_shard
-from ibdata.policies.user_object import Custom, ObjectPolicy
 
 ENGINES = ("local", "ray")
 MAX_WORKERS = 1024
@@ -81,9 +80,9 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
         shards: The shards to make.
         workers: The number of processes; None chooses it by the work.
     """
-    if spec.policies_of(ObjectPolicy):
+    if spec.live:
         return Division(1, 1)
-    processors, own_code = available_processors(), bool(spec.policies_of(Custom))
+    processors, own_code = available_processors(), bool(spec.custom)
     if workers is None:
         many = own_code or (processors > MOST_THREADS and spec.rows_in(shards) >= ROWS_WORTH_PROCESSES)
         workers = processors if many else 1

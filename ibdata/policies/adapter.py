@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arguments import has_method
 from ibdata.errors import IbdataError, PolicyError, UsageError
-from ibdata.policies.base import Floats, Needs, Observed, Policy, Steps, refuse_density
+from ibdata.policies.base import Floats, Needs, Observed, Policy, Steps, other_density
 from ibdata.policies.checked import AnswerError, actions, ask, decision, numbers
 from ibdata.policies.code import apart_from_results, error_line
 from ibdata.policies.distributions import Certain, Distribution, Unknown
@@ -21,7 +22,6 @@ EXPECTED = (
     "an object with decide(observed), act(history, u) or predict(observations), a torch module, or a function"
 )
 NO_NUMBERS = "no random numbers; if it draws 3 per step, write draws: 3 beside its target in a block"
-METHODS = ("decide", "act", "predict")
 KEYWORDS = {"state", "episode_start", "deterministic"}  # of predict, as in SB3
 
 
@@ -84,9 +84,14 @@ class Adapter:
 
     def _call(self, observed: Observed, state: Any) -> Answer:
         """Ask the object by the first of its methods."""
+        answer: Any
         memory, next_state = observed.memory, None
         if hasattr(self.target, "decide"):
-            answer, next_memory = self._decision(observed)
+            if isinstance(self.target, Policy):  # of ibdata, which is given as many numbers as it needs
+                answer, next_memory = ask(self.target, observed.cut(self.target.needs).apply(np.copy))
+                answer = answer.actions if isinstance(answer, Unknown) else answer
+            else:
+                answer, next_memory = decision(self.target.decide(observed.apply(np.copy)))
             if memory.size:
                 memory = numbers(next_memory, memory.shape, "memory").copy()
             if isinstance(answer, Certain):
@@ -96,7 +101,9 @@ class Adapter:
         elif hasattr(self.target, "act"):
             answer = self.target.act(observed.observations.copy(), observed.draws.copy())
         else:
-            answer = self._predicted(observed, state)
+            known = {"state": state, "episode_start": observed.step == 0, "deterministic": True}
+            options = {name: known[name] for name in self._keywords}
+            answer = self._predict(observed.observations.reshape(len(observed.step), -1).copy(), **options)
             if "state" in self._keywords and isinstance(answer, tuple) and len(answer) > 1:
                 next_state = answer[1]
         if isinstance(answer, tuple) and len(answer) > 2:
@@ -109,19 +116,6 @@ class Adapter:
 
     def _count_clipped(self, actions: npt.NDArray[Any]) -> None:
         self.clipped += np.array([np.count_nonzero(np.abs(actions) > 1.0), actions.size])
-
-    def _predicted(self, observed: Observed, state: Any) -> Any:
-        """What `predict` or a call answers, with those of the keywords that it has."""
-        known = {"state": state, "episode_start": observed.step == 0, "deterministic": True}
-        options = {name: known[name] for name in self._keywords}
-        return self._predict(observed.observations.reshape(len(observed.step), -1).copy(), **options)
-
-    def _decision(self, observed: Observed) -> tuple[Any, Any]:
-        """What `decide` answers; a policy of ibdata is given as many numbers as it needs."""
-        if isinstance(self.target, Policy):
-            action, memory = ask(self.target, observed.cut(self.target.needs).apply(np.copy))
-            return action.actions if isinstance(action, Unknown) else action, memory
-        return decision(self.target.decide(observed.apply(np.copy)))
 
     @cached_property
     def _reset(self) -> Callable[[int], Any] | None:
@@ -149,16 +143,6 @@ class Adapter:
         return normalized(self.target, getattr(self.target, "predict", self.target))
 
 
-def can_act(target: Any) -> bool:
-    """Whether a `UserObject` can be made of an object."""
-    return not isinstance(target, type) and (has_method(target) or callable(target))
-
-
-def has_method(target: Any) -> bool:
-    """Whether an object has one of the methods by which it can act."""
-    return any(callable(getattr(target, name, None)) for name in METHODS)
-
-
 def has_needs(target: Any) -> bool:
     """Whether an object says itself what it needs. Raises UsageError for `needs` of another type."""
     needs = getattr(target, "needs", None)
@@ -179,10 +163,8 @@ def needs_of(target: Any, history: int = 1, draws: int = 0) -> Needs:
 
 def refuse_other_form(actor: Any, place: str, history: int, draws: int) -> None:
     """PolicyError for an object that needs more than these numbers, or states a density itself."""
-    try:
-        refuse_density(actor)
-    except TypeError as error:
-        raise PolicyError(f"{place}: {error}") from None
+    if problem := other_density(actor):
+        raise PolicyError(f"{place}: {problem}")
     needs = needs_of(actor, history, draws)
     for option, number, least in (("history", history, needs.history), ("draws", draws, needs.draws)):
         if number < least:

@@ -111,15 +111,15 @@ class FrozenModel(BaseModel):
         Raises pydantic's ValidationError where the options are not valid.
         """
         options = {**super().model_copy(deep=deep).options(), **(update or {})}
-        return self.model_validate(options, context=self.context)
+        return self.model_validate(options, context=self.checked_with)
 
     @property
-    def context(self) -> dict[str, Any]:
+    def checked_with(self) -> dict[str, Any]:
         """What a copy is checked with: the `folder` of files, and known `weights` by their SHA-256."""
         context: dict[str, Any] = {"weights": {}}
         for policy in self.inner:
-            weights = {**context["weights"], **policy.context["weights"]}
-            context = {**policy.context, **context, "weights": weights}
+            weights = {**context["weights"], **policy.checked_with["weights"]}
+            context = {**policy.checked_with, **context, "weights": weights}
         return context
 
     def __eq__(self, other: object) -> bool:
@@ -132,7 +132,7 @@ class FrozenModel(BaseModel):
     @cached_property
     def inner(self) -> tuple[Policy, ...]:
         """The policies of which this one is made: those in its options, in order."""
-        return tuple(_policies_in(list(self.options().values())))
+        return tuple(_policies_in(self.options()))
 
     def everywhere(self, kind: type[Kind]) -> Iterator[Kind]:
         """Yield those of a class among this block and all policies of which it is made, at any depth."""
@@ -142,31 +142,40 @@ class FrozenModel(BaseModel):
             yield from policy.everywhere(kind)
 
     def mapped(self, change: Callable[[Policy], Policy]) -> Self:
-        """A copy in which each policy of `inner` is changed, without properties computed of the others."""
+        """A copy in which each policy of `inner` is changed."""
         if not self.inner:
             return self
+        options = {name: _mapped(getattr(self, name), change) for name in type(self).model_fields}
+        return self.with_options(**options)
+
+    def with_options(self, **options: Any) -> Self:
+        """A copy with other options, which are valid, and nothing that was computed."""
         copy = self.__copy__()
-        for name in vars(self):
-            if isinstance(getattr(type(self), name, None), cached_property):
-                del vars(copy)[name]
-        vars(copy).update({name: _mapped(option, change) for name, option in self.options().items()})
+        vars(copy).clear()
+        vars(copy).update({name: getattr(self, name) for name in type(self).model_fields} | options)
         return copy
+
+    def __getstate__(self) -> dict[Any, Any]:
+        """What is pickled: nothing that was computed."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return {**super().__getstate__(), "__dict__": fields}
 
     def loaded(self, acting: Acting) -> Self:
         """A copy in which all objects of users are loaded, so that they can act until `acting` ends."""
         return self.mapped(lambda policy: policy.loaded(acting))
 
 
-def refuse_density(policy: Any) -> None:
-    """Raise TypeError for a policy or an object that states a density beside its actions."""
+def other_density(policy: Any) -> str | None:
+    """The problem of a policy or an object that states a density beside its actions; None otherwise."""
     for method in ("log_density", "log_prob"):
         if callable(getattr(policy, method, None)):
             name = policy.__name__ if isinstance(policy, type) else type(policy).__name__
-            raise TypeError(
+            return (
                 f"{name}: found {method}, expected decide to return Decision(distribution, memory), such as "
                 "Decision(ClippedNormal(mean, sd), memory), which has its density; see "
                 "docs/custom-policies.md"
             )
+    return None
 
 
 class Policy(FrozenModel):
@@ -181,7 +190,8 @@ class Policy(FrozenModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        refuse_density(cls)
+        if problem := other_density(cls):
+            raise TypeError(problem)
 
     @property
     def needs(self) -> Needs:
@@ -199,6 +209,10 @@ class Policy(FrozenModel):
         """The policy's label in the data."""
         return self.name or self.kind
 
+    def labelled(self, label: str) -> Self:
+        """The policy with a label that a user gave, which need not be a name: a copy, unless it has that."""
+        return self if label == self.label else self.with_options(name=label)
+
     def form(self) -> dict[str, Any]:
         """The kind and the options that differ from their defaults, from which digests are computed."""
         plain = self.model_dump(mode="json", exclude={"name"}, exclude_defaults=True)
@@ -213,10 +227,10 @@ def _policies_in(value: Any) -> Iterator[Policy]:
     """Yield the policies in the value of an option, without those of which they are made."""
     if isinstance(value, Policy):
         yield value
-    elif isinstance(value, FrozenModel):
-        yield from _policies_in(list(value.options().values()))
-    elif isinstance(value, list):
-        for item in value:
+        return
+    items = value.options() if isinstance(value, FrozenModel) else value
+    if type(items) in (list, tuple, dict):  # not those of a user's class, which may act
+        for item in items.values() if isinstance(items, dict) else items:
             yield from _policies_in(item)
 
 
@@ -226,18 +240,19 @@ def _mapped(value: Any, change: Callable[[Policy], Policy]) -> Any:
         return change(value)
     if isinstance(value, FrozenModel):
         return value.mapped(change)
-    return [_mapped(item, change) for item in value] if isinstance(value, list) else value
+    if type(value) is dict:
+        return {key: _mapped(item, change) for key, item in value.items()}
+    return type(value)(_mapped(item, change) for item in value) if type(value) in (list, tuple) else value
 
 
 def _form(value: Any, plain: Any) -> Any:
     """The plain data of an option, in which each policy is replaced by its form."""
     if isinstance(value, Policy):
         return value.form()
-    if isinstance(value, list):
+    if type(value) in (list, tuple):
         return [_form(*pair) for pair in zip(value, plain, strict=True)]
-    if isinstance(value, FrozenModel):
-        return {key: _form(getattr(value, key), inner) for key, inner in plain.items()}
-    return plain
+    items = value.options() if isinstance(value, FrozenModel) else value
+    return {key: _form(items[key], inner) for key, inner in plain.items()} if type(items) is dict else plain
 
 
 class Deterministic(Policy):

@@ -119,7 +119,7 @@ def _steered_actions(history: Float32s, u: Floats) -> Floats:
 
 
 @compiled
-def _log_uniform(x: float) -> float:
+def _log_component(x: float) -> float:
     return LOG_MASS_AT_EDGE if abs(x) == 1.0 else LOG_HALF
 
 
@@ -127,12 +127,12 @@ def _log_uniform(x: float) -> float:
 def _log_steered(history: Float32s, action: Float32s) -> Floats:
     out = np.empty(action.shape[0])
     for i in range(history.shape[0]):
-        total = _log_uniform(action[i, 2])
+        total = _log_component(action[i, 2])
         for j, column in ((0, VELOCITY), (1, GAIN)):
             side = _region(history[i, 0, column])
             z = side * np.float64(action[i, j])
             if side == 0.0:
-                total += _log_uniform(action[i, j])
+                total += _log_component(action[i, j])
             elif z >= 1.0:
                 total += LOG_MASS_TOWARDS
             elif z <= -1.0:

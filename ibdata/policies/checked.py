@@ -11,12 +11,22 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.errors import IbdataError, PolicyError, excerpt
-from ibdata.policies.actions import WHOLE, clip_and_round, is_discrete, of_discrete, read_only
 from ibdata.policies.base import OBSERVATION, Float32s, Floats, Observed, Policy, is_deterministic
 from ibdata.policies.code import error_line
-from ibdata.policies.distributions import Bools, Certain, Distribution, Unknown
+from ibdata.policies.distributions import (
+    NUMBERED,
+    Bools,
+    Certain,
+    Distribution,
+    Unknown,
+    clip_and_round,
+    is_discrete,
+    of_discrete,
+    read_only,
+)
 
 Ints = npt.NDArray[np.int64]
+MOST_CLIPPED = 0.2  # share of the numbers of actions
 NOBODY = np.empty(0, dtype=np.int64)  # the numbers of episodes that are made up
 
 
@@ -38,7 +48,7 @@ def actions(answer: Any, n: int) -> Floats:
         if is_discrete(whole) and len(whole) == n:
             answer = of_discrete(whole)
             if answer is None:
-                raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {WHOLE}")
+                raise AnswerError(f"found {excerpt(whole.tolist())}, expected discrete actions {NUMBERED}")
     return numbers(answer, (n, 3), "actions")
 
 
@@ -161,6 +171,12 @@ def raise_placed(error: BaseException, label: str, observed: Observed, episodes:
     where = f"episode {episodes[row % len(episodes)]}" if len(episodes) else "asked about random observations"
     step = observed.step[row] if len(observed.step) else 0
     raise PolicyError(f"policy {label}: {where}: step {step}: {line}") from error
+
+
+def clipping_notes(clipped: float, total: float, what: str) -> Iterator[str]:
+    """A line that says so if many are clipped."""
+    if clipped > MOST_CLIPPED * total:
+        yield f"{clipped / total:.0%} of the {what} are clipped: actions are changes in [-1, 1]"
 
 
 EPISODES, STEPS = 32, 2

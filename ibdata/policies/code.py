@@ -85,16 +85,11 @@ def imported(module: str, file: Path | None) -> ModuleType:
     """The module of a name, or one made of a file."""
     if not processes.known_before:
         processes.known_before.update(sys.modules)
-        if processes.purpose == "command":
-            _forget_machine_code()
+        if processes.purpose == "command":  # numba compiles anew, as in a worker: its cache misses some edits
+            folder = tempfile.mkdtemp(prefix="ibdata-")
+            numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]  # set by numba when it is loaded
+            atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return import_module(module) if file is None else _module_of(file)
-
-
-def _forget_machine_code() -> None:
-    """Let numba compile a user's functions anew, as in a worker: its cache misses edits of imported files."""
-    folder = tempfile.mkdtemp(prefix="ibdata-")
-    numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]  # set by numba when it is loaded
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
 
 def _module_of(file: Path) -> ModuleType:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from itertools import accumulate
 from operator import itemgetter
@@ -17,9 +17,8 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from pydantic_core.core_schema import no_info_before_validator_function
 
+from ibdata._numerics.arguments import can_act
 from ibdata._numerics.naming import unequal
-from ibdata.policies.actions import applied
-from ibdata.policies.adapter import can_act
 from ibdata.policies.base import (
     Decision,
     Deterministic,
@@ -30,7 +29,7 @@ from ibdata.policies.base import (
     is_deterministic,
 )
 from ibdata.policies.checked import ask
-from ibdata.policies.distributions import ByRow, Distribution, Float32s, Floats, Group
+from ibdata.policies.distributions import ByRow, Distribution, Float32s, Floats, Group, applied
 from ibdata.policies.replaced import OrUniform
 
 # By kind, in alphabetical order: the package fills it when all its modules are imported.
@@ -49,7 +48,7 @@ class OneOf:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         kinds = tuple(filter(self._is_allowed, POLICIES.values()))
         block = handler.generate_schema(Annotated[Union[kinds], Field(discriminator="kind")])  # noqa: UP007
-        return no_info_before_validator_function(_block_of, block)
+        return no_info_before_validator_function(block_of, block)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -60,23 +59,25 @@ class OneOf:
         return {"anyOf": [{"enum": complete, "type": "string"}, block]}
 
 
-def _block_of(value: Any) -> Any:
+def is_foreign(value: Any) -> bool:
+    """Whether the class of a value is none of ibdata's policies."""
+    return type(value) not in POLICIES.values()
+
+
+def block_of(value: Any) -> Any:
     """The block {kind: name} of a name, or that of an object of Python's; anything else as it is."""
     if isinstance(value, str):
         return {"kind": value}
-    if isinstance(value, Mapping) and value.get("kind") == "custom" and can_act(value.get("target")):
-        return {**value, "kind": "live"}
-    is_object = type(value) not in POLICIES.values() and can_act(value)
-    return {"kind": "live", "target": value} if is_object else value
-
-
-def _may_be_certain(policy: type[Policy]) -> bool:
-    """Whether a policy's actions are certain, or may be so by its option `deterministic`."""
-    return issubclass(policy, Deterministic) or "deterministic" in policy.model_fields
+    if can_act(value) and is_foreign(value):
+        return {"kind": "live", "target": value}
+    is_object = isinstance(value, Mapping) and value.get("kind") == "custom" and can_act(value.get("target"))
+    return {**value, "kind": "live"} if is_object else value
 
 
 AnyPolicy = Annotated[Policy, OneOf(lambda policy: True)]
-DeterministicBase = Annotated[Policy, OneOf(_may_be_certain)]
+DeterministicBase = Annotated[
+    Policy, OneOf(lambda policy: issubclass(policy, Deterministic) or "deterministic" in policy.model_fields)
+]
 
 
 def _without_name(base: Policy) -> Policy:
@@ -205,14 +206,6 @@ class Choice(Policy):
 
     def decide(self, observed: Observed) -> Decision:
         memory, groups = np.zeros((len(observed.step), self.needs.memory)), []
-        for policy, episodes, part in self._parts(observed):
-            distribution, remembered = ask(policy, part)
-            memory[episodes, : part.memory.shape[1]] = remembered
-            groups.append(Group(episodes, distribution, policy.needs.draws))
-        return Decision(ByRow(groups, self.needs.draws), memory)
-
-    def _parts(self, observed: Observed) -> Iterator[tuple[Policy, npt.NDArray[np.intp], Observed]]:
-        """Yield each policy that acts in some episodes, their numbers, and what it is given."""
         which, step = self.chosen(observed), observed.step - self.began(observed)
         begun = observed._replace(step=step, memory=np.where(step[:, None] == 0, 0.0, observed.memory))
         first = self.own_needs.episode_draws
@@ -220,11 +213,11 @@ class Choice(Policy):
             needs, rows = policy.needs, np.flatnonzero(which == number)
             if len(rows):
                 part = begun._replace(episode_draws=observed.episode_draws[:, first:]).cut(needs)
-                yield policy, rows, part if len(rows) == len(step) else part.apply(itemgetter(rows))
+                part = part if len(rows) == len(step) else part.apply(itemgetter(rows))
+                distribution, memory[rows, : needs.memory] = ask(policy, part)
+                groups.append(Group(rows, distribution, needs.draws))
             first += needs.episode_draws
-
-
-Weight = Annotated[float, Field(gt=0.0, le=1e9, strict=True)]
+        return Decision(ByRow(groups, self.needs.draws), memory)
 
 
 class PolicyMixture(Choice):
@@ -242,9 +235,10 @@ class PolicyMixture(Choice):
     bases: Annotated[list[Annotated[AnyPolicy, Unnamed]], Field(min_length=1, max_length=100)] = Field(
         description="the policies"
     )
-    weights: Annotated[list[Weight], Field(min_length=1)] | None = Field(
-        default=None,
-        description="how often each is drawn, relative to the others; default: equally often",
+    weights: (
+        Annotated[list[Annotated[float, Field(gt=0.0, le=1e9, strict=True)]], Field(min_length=1)] | None
+    ) = Field(
+        default=None, description="how often each is drawn, relative to the others; default: equally often"
     )
 
     @property

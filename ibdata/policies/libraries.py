@@ -1,17 +1,20 @@
-"""What objects of Stable-Baselines3 and torch need around a call; neither library is imported."""
+"""What objects of Stable-Baselines3, d3rlpy and torch need around a call; no library is imported."""
 
 from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from itertools import chain
 from typing import Any
 
+import numpy as np
+
+from ibdata._numerics.naming import exact
 from ibdata.errors import UsageError
-from ibdata.policies.base import Float32s
+from ibdata.policies.base import OBSERVATION, SETPOINT, Float32s
 from ibdata.views.options import PLAIN, ViewOptions
 
 # Layers of an environment that leave observations and actions as they are, or that `normalized` applies, by
@@ -41,6 +44,7 @@ HARMLESS = {
         "VecVideoRecorder",
     ],
 }
+FAR = 10.0  # standard deviations of the setpoints in training; one in 100 episodes is no farther
 OWN = ("IndustrialBenchmarkEnv", "IndustrialBenchmarkVecEnv")
 STACKS = ("FrameStackObservation", "VecFrameStack")
 UNCHANGED = (
@@ -190,3 +194,29 @@ def _nested(env: Any, inner: str) -> list[Layer]:
         layers.append((type(env).__module__.partition(".")[0], type(env).__name__))
         env = vars(env).get(inner)
     return layers
+
+
+def scaling_of(model: Any) -> dict[str, Any]:
+    """The mean and std, and perhaps clip, by which a model of SB3 or d3rlpy scales observations, if any."""
+    if hasattr(model, "get_vec_normalize_env"):
+        env = model.get_vec_normalize_env()
+        if env is None or not env.norm_obs:
+            return {}
+        std = np.sqrt(env.obs_rms.var + env.epsilon)
+        return {"mean": env.obs_rms.mean.ravel(), "std": std.ravel(), "clip": env.clip_obs}
+    scaler = getattr(getattr(model, "config", None), "observation_scaler", None)
+    return {} if scaler is None else {"mean": scaler.mean, "std": scaler.std + scaler.eps}
+
+
+def far_notes(
+    scaling: dict[str, Any], setpoints: Sequence[float], columns: int = len(OBSERVATION), at: int = SETPOINT
+) -> Iterator[str]:
+    """A line if setpoints are many standard deviations from the mean in a scaling."""
+    mean, std = (np.ravel(scaling[name])[at::columns] for name in ("mean", "std"))
+    off = (np.abs(np.array(setpoints)[:, None] - mean) / std).max(axis=1)
+    far = [exact(p) for p, size in zip(setpoints, off, strict=True) if size > FAR]
+    if far:
+        yield (
+            f"setpoint {', '.join(far)}: up to {off.max():.3g} standard deviations from {exact(mean[0])}, "
+            "the mean in its scaling of observations: it was trained at other setpoints"
+        )

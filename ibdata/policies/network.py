@@ -12,11 +12,10 @@ from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import LOG_SQRT_2PI, exp, log, log_cdf, tanh
 from ibdata._numerics.random import standard_normal
 from ibdata.errors import Problems
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Decision, Deterministic, Needs, Observed
 from ibdata.policies.compound import Unnamed, Wrapper
-from ibdata.policies.distributions import CLIP_EDGE, Bools, Certain, Distribution, Float32s, Floats
-from ibdata.policies.weights_file import SHA256, Weights, find
+from ibdata.policies.distributions import CLIP_EDGE, Bools, Certain, Distribution, Float32s, Floats, applied
+from ibdata.policies.weights_file import SHA256, Weights, weights_at
 
 # From this tanh on, the action is ±1: closer to ±1, float32 is too coarse for the density of a random one.
 TANH_EDGE = 1.0 - 2.0**-20
@@ -46,7 +45,7 @@ class Network(Deterministic):
             return handler(data)
         context = info.context or {}
         try:
-            weights = find(file, sha256, context.get("folder"), context.get("weights", {}))
+            weights = weights_at(file, sha256, context.get("folder"), context.get("weights", {}))
         except ValueError as error:
             raise Problems([(("file",), str(error))]) from None
         policy = handler({**data, "file": weights.name, "sha256": weights.sha256})
@@ -59,7 +58,7 @@ class Network(Deterministic):
         return self._weights
 
     @property
-    def context(self) -> dict[str, Any]:
+    def checked_with(self) -> dict[str, Any]:
         """Its weights, so that a copy needs no file."""
         return {"weights": {self.sha256: self.weights}}
 
@@ -67,6 +66,10 @@ class Network(Deterministic):
     def needs(self) -> Needs:
         """As many observations as its file says."""
         return Needs(history=self.weights.metadata.frames)
+
+    def options(self) -> dict[str, Any]:
+        """The options, without the SHA-256, which is that of the file and changes with it."""
+        return {name: option for name, option in super().options().items() if name != "sha256"}
 
     def form(self) -> dict[str, Any]:
         """The kind and the SHA-256 of the weights, wherever they came from."""

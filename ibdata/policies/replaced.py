@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import exp, log
-from ibdata.policies.actions import applied
-from ibdata.policies.distributions import Bools, Certain, Distribution, Float32s, Floats, log_uniform
+from ibdata.policies.distributions import Bools, Certain, Distribution, Float32s, Floats, applied, log_uniform
 
 
 class Replaced(Distribution):

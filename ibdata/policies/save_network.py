@@ -19,8 +19,7 @@ from ibdata._system.files import write
 from ibdata._system.part import refusals
 from ibdata.errors import UsageError, notice
 from ibdata.policies.base import SETPOINT
-from ibdata.policies.libraries import environment_note, evaluating, lacks_environment
-from ibdata.policies.scaling import far_notes, scaling_of
+from ibdata.policies.libraries import environment_note, evaluating, far_notes, lacks_environment, scaling_of
 from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, written
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors

@@ -9,9 +9,9 @@ import re
 import sys
 from collections.abc import Iterator
 from copy import deepcopy
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -24,10 +24,19 @@ from pydantic import (
 )
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
+from ibdata._numerics.arguments import can_act, has_method, native
 from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
-from ibdata.policies.adapter import EXPECTED, Adapter, can_act, has_method, needs_of, refuse_other_form
-from ibdata.policies.base import OBSERVATION, Decision, Needs, Observed, Policy, is_deterministic
-from ibdata.policies.checked import refuse_impure
+from ibdata.policies.adapter import EXPECTED, Adapter, needs_of, refuse_other_form
+from ibdata.policies.base import (
+    OBSERVATION,
+    Decision,
+    Needs,
+    Observed,
+    Policy,
+    is_deterministic,
+    other_density,
+)
+from ibdata.policies.checked import clipping_notes, refuse_impure
 from ibdata.policies.code import (
     Acting,
     Places,
@@ -46,7 +55,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 LIVE = "live:"  # begins the name of an object in a record of code
-MOST_CLIPPED = 0.2  # share of the numbers of actions
 
 
 class UserObject(Policy):
@@ -113,11 +121,6 @@ class UserObject(Policy):
             )
         return self._adapter
 
-    @property
-    def remembers(self) -> bool:
-        """Whether the object keeps something between steps beside its memory."""
-        return self.adapter.remembers
-
     def decide(self, observed: Observed) -> Decision:
         answer = self.adapter.ask(observed)
         return Decision(answer.action, answer.memory)
@@ -135,15 +138,14 @@ class UserObject(Policy):
         yield from clipping_notes(clipped, total, "numbers of its actions")
 
 
-def clipping_notes(clipped: float, total: float, what: str) -> Iterator[str]:
-    """A line that says so if many are clipped."""
-    if clipped > MOST_CLIPPED * total:
-        yield f"{clipped / total:.0%} of the {what} are clipped: actions are changes in [-1, 1]"
+def remembers(policy: Policy) -> bool:
+    """Whether a policy must be asked about the steps of an episode one by one."""
+    return policy.needs.memory > 0 or any(part.adapter.remembers for part in policy.everywhere(UserObject))
 
 
 def refuse_shared(policy: Policy) -> None:
     """Raise PolicyError for a policy in which an object that remembers acts in two places."""
-    parts = [part for part in policy.everywhere(UserObject) if part.remembers]
+    parts = [part for part in policy.everywhere(UserObject) if part.adapter.remembers]
     if len({id(part.adapter.target) for part in parts}) < len(parts):
         raise PolicyError(
             f"policy {policy.label}: found {parts[0].code_target} in two places, expected an object for "
@@ -163,6 +165,8 @@ class ObjectPolicy(UserObject):
     recorded, so nobody can make the dataset again.
     """
 
+    inner: ClassVar[tuple[Policy, ...]] = ()  # also if the object is a policy: only its name is said
+
     kind: Literal["live"] = "live"
     target: Annotated[Any, PlainSerializer(name_of, str), WithJsonSchema({"type": "string"})] = Field(
         description="the object; in a record the name of its class, or of the function"
@@ -175,18 +179,14 @@ class ObjectPolicy(UserObject):
         target = data.get("target", "") if isinstance(data, dict) else ""
         if isinstance(target, str):
             return data
-        if not can_act(target):
-            raise Problems([(("target",), f"found {excerpt(target)}, expected {EXPECTED}")])
+        fault = other_density(target) if can_act(target) else f"found {excerpt(target)}, expected {EXPECTED}"
+        if fault:
+            raise Problems([(("target",), fault)])
         needs = needs_of(target)
         own: dict[str, Any] = {"history": max(1, needs.history), "draws": needs.draws}
         if isinstance(target, Policy):
             own |= {"name": target.name, "deterministic": bool(is_deterministic(target)) and not needs.draws}
         return {**own, **data}
-
-    @cached_property
-    def inner(self) -> tuple[Policy, ...]:
-        """None, also if the object is a policy: only its name is said."""
-        return ()
 
     def form(self) -> dict[str, Any]:
         """The kind and the options, with the name of the object in its place."""
@@ -223,8 +223,8 @@ TARGET_MEANT = "package.module:name, or file.py:name with a path relative to the
 def _as_json(params: dict[str, Any]) -> Any:
     """Parameters as JSON and YAML give them back, so that they are the same in every process."""
     try:
-        return json.loads(json.dumps(params, allow_nan=False))
-    except (TypeError, ValueError) as error:
+        return json.loads(json.dumps(native(params), allow_nan=False))
+    except (TypeError, ValueError, RecursionError) as error:
         raise ValueError(
             f"found what JSON cannot hold ({error}), expected finite numbers, texts, lists and mappings"
         ) from None
@@ -263,9 +263,9 @@ class Custom(UserObject):
         return policy
 
     @property
-    def context(self) -> dict[str, Any]:
-        """The folder of the YAML file of the block."""
-        return {**super().context, "folder": self._folder}
+    def checked_with(self) -> dict[str, Any]:
+        """The folder of the YAML file of the block, if it is from one."""
+        return {**super().checked_with, "folder": self._folder}
 
     @property
     def code_target(self) -> str:
@@ -280,22 +280,26 @@ class Custom(UserObject):
         """The paths of the declared files by their names. Raises UsageError if one is not found."""
         return {name: located(name, f"{self.target}: files", self._places) for name in self.files or ()}
 
+    @property
+    def source(self) -> str:
+        """The file, or the module, that the target names."""
+        return self.target.partition(":")[0]
+
     def target_file(self) -> Path | None:
         """The file of the target, which may be that of an imported module; None if none is known."""
-        return self.file() or file_of(sys.modules.get(self.target.partition(":")[0]))
+        return self.file() or file_of(sys.modules.get(self.source))
 
     def file(self) -> Path | None:
         """The file that the target names, or None if it names a module. UsageError if it is not found."""
-        source, _, _ = self.target.partition(":")
-        return located(source, self.target, self._places) if source.endswith(".py") else None
+        return located(self.source, self.target, self._places) if self.source.endswith(".py") else None
 
     def _made(self, acting: Acting) -> Any:
         self._places = two_places(acting.folder, self._folder)
-        file, (source, _, name) = self.file(), self.target.partition(":")
+        file, name = self.file(), self.target.partition(":")[2]
         acting.add_to_path(map(str, [*([] if file is None else [file.parent]), *self._places]))
         try:
             with loading(self.target), apart_from_results():
-                module = imported(source, file)
+                module = imported(self.source, file)
                 if not hasattr(module, name):
                     names = [known for known in vars(module) if not known.startswith("_")]
                     raise PolicyError(
@@ -306,7 +310,7 @@ class Custom(UserObject):
             raise
         except BaseException as error:
             line = f"{self.target}: cannot be loaded: {error_line(error)}"
-            if isinstance(error, ModuleNotFoundError) and error.name == source.partition(".")[0]:
+            if isinstance(error, ModuleNotFoundError) and error.name == self.source.partition(".")[0]:
                 folders = " or ".join(map(str, self._places))
                 line += f"; expected the module in {printable(folders)}, or installed"
             raise PolicyError(line) from error

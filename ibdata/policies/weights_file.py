@@ -24,6 +24,7 @@ from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import tanh
 from ibdata._system.files import plain_bytes
 from ibdata.errors import printable
+from ibdata.policies.base import OBSERVATION
 
 Float32s = npt.NDArray[np.float32]
 Sizes = npt.NDArray[np.int64]
@@ -64,7 +65,7 @@ LAYOUT = "ibdata-network-1"
 SUFFIX = ".safetensors"
 SHIPPED = Path(__file__).parent / "weights"
 MAX_BYTES = 2**26
-COLUMNS = 6  # of an observation
+COLUMNS = len(OBSERVATION)
 ACTIONS = 3
 SHA256 = "^[0-9a-f]{64}$"
 
@@ -121,20 +122,20 @@ class Weights:
     @property
     def name(self) -> str:
         """The name of the file in a dataset."""
-        return name_of(self.sha256)
+        return name_in_dataset(self.sha256)
 
     def outputs(self, seen: Float32s, is_scaled: bool = False) -> Float32s:
         """The outputs of the last layer, float32 (n, 3 or 6), for what the network sees, (n, 6 · frames)."""
         out = np.empty((len(seen), 6 if self.has_log_std else 3), dtype=np.float32)
         widest = max(int(self.sizes.max()), seen.shape[1])
-        for first in range(0, len(seen), BLOCK):
-            some = seen[first : first + BLOCK]
+        for first in range(0, len(seen), AT_ONCE):
+            some = seen[first : first + AT_ONCE]
             x = np.zeros((widest, len(some)), dtype=np.float32)
             if is_scaled:
                 x[: some.shape[1]] = some.T
             else:
                 scale(some, self.mean, self.std, self.clip, x)
-            into = out[first : first + BLOCK]
+            into = out[first : first + AT_ONCE]
             forward(x, self.sizes, self.parameters, self.metadata.activation == "tanh", into)
         return out
 
@@ -142,23 +143,24 @@ class Weights:
         return Weights, (self.data,)
 
 
-def name_of(sha256: str) -> str:
+def name_in_dataset(sha256: str) -> str:
     """The name of a file of weights in a dataset.
 
-    >>> name_of("3fa0" * 16)
+    >>> name_in_dataset("3fa0" * 16)
     'policy-3fa03fa03fa03fa0.safetensors'
     """
     return f"policy-{sha256[:16]}{SUFFIX}"
 
 
-def find(file: str, sha256: str | None, folder: Path | None, known: dict[str, Weights]) -> Weights:
-    """Find weights by the path of their file in a folder, by a shipped name, or by `name_of` known weights.
+def weights_at(file: str, sha256: str | None, folder: Path | None, known: dict[str, Weights]) -> Weights:
+    """The weights of a file in a folder, of a shipped name, or those of the known ones with this name.
 
     Those that are found are `known` by their SHA-256 from then on. Raises ValueError if there is no such
     file, or it is not valid, or has another SHA-256 than is given.
     """
-    if sha256 in known and file == name_of(sha256):
-        return known[sha256]
+    for weights in known.values():
+        if file == weights.name and sha256 in (None, weights.sha256):
+            return weights
     shipped = [path.stem for path in sorted(SHIPPED.glob(f"*{SUFFIX}"))]
     path = (folder or Path()) / os.path.expanduser(file)
     if file.removesuffix(SUFFIX) in shipped and not path.is_file():
@@ -168,7 +170,7 @@ def find(file: str, sha256: str | None, folder: Path | None, known: dict[str, We
     except FileNotFoundError:
         where = "beside the YAML file" if folder else "in the current folder"
         hint = f" or one of {', '.join(shipped)}" if shipped else ""
-        if sha256 is not None and file == name_of(sha256):
+        if sha256 is not None and file == name_in_dataset(sha256):
             hint = "; give the experiment itself, or copy the file from meta/ of its dataset"
         raise ValueError(f"found no file {file!r}, expected one {where}{hint}") from None
     except OSError as error:
@@ -229,7 +231,7 @@ def _layer(left: dict[str, Float32s], name: str, inputs: int, outputs: int | Non
 
 
 MULTIPLE = 4  # to which the numbers of a layer's inputs and outputs are padded with zeros
-BLOCK = 256  # lanes at a time, whose activations stay in the processor's cache
+AT_ONCE = 256  # lanes at a time, whose activations stay in the processor's cache
 
 
 def packed(layers: list[tuple[Float32s, Float32s]]) -> tuple[Sizes, Float32s]:

@@ -179,7 +179,9 @@ def _facts(path: str, data: bytes, spec: DatasetSpec) -> Any:
             table = table.set_column(place, "setpoint", table["setpoint"].cast(pa.float32()))
         return {name: table[name].to_pylist() for name in table.column_names}
     if path.endswith(".yaml"):
-        return Experiment.model_validate(Document(data).data, context=spec.context).plain()
+        return Experiment.model_validate(
+            Document(data).data, context=spec.experiments[0].checked_with
+        ).plain()
     if path == manifest.CROISSANT:
         return {"distribution": dict(manifest.loads(data)).get("distribution")}
     return manifest.loads(data)

@@ -22,8 +22,8 @@ from ibdata.dataset.dataset import Dataset, opened
 from ibdata.environment import ID
 from ibdata.errors import BusyError, DatasetError, UsageError, missing, notice
 from ibdata.experiment import Experiment, load
+from ibdata.experiment.catalogue import full_name, shipped
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.shipped import full_name, shipped
 from ibdata.generation.build import is_of
 from ibdata.generation.generate import generate
 from ibdata.tools.validate import validate

@@ -8,7 +8,7 @@ import pytest
 
 import ibdata
 from ibdata.cli import cli
-from ibdata.experiment.shipped import shipped, suites
+from ibdata.experiment.catalogue import shipped, suites
 from ibdata.policies import POLICIES
 
 COMMANDS = cli.list_commands(None)

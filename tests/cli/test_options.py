@@ -86,7 +86,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
         {"rows": 5, "columns": None, "split": None, "at": (3, 4)},
     ),
     ("info $D", "ibdata.dataset.dataset.Dataset.__init__", {"path": DATA}),
-    ("init mine.yaml", "ibdata.experiment.template.write_template", {"file": "mine.yaml"}),
+    ("init mine.yaml", "ibdata.experiment.catalogue.write_template", {"file": "mine.yaml"}),
     ("ls o", "ibdata.tools.listing.datasets_in", {"folder": "o"}),
     ("merge a b c --out o", "ibdata.tools.merge.merge", {"folders": ("a", "b", "c"), "out": "o"}),
     (

@@ -41,7 +41,7 @@ def good(history, u):
 def answering(monkeypatch):
     """Let the random policy answer so, given what it sees, its draws, and how often it has been asked."""
     monkeypatch.setattr(Random, "needs", Needs(history=1, draws=3))
-    monkeypatch.setattr("ibdata.experiment.self_check.answer", lambda: "0" * 64)  # it plays this policy too
+    monkeypatch.setattr("ibdata.generation.record.answer", lambda: "0" * 64)  # it plays this policy too
 
     def arrange(answer):
         calls = itertools.count()

@@ -29,7 +29,7 @@ REFUSED = [
     ({"start": "unifrom"}, "start: found 'unifrom'; did you mean"),
     ({"dynamics": {"base": "paper", "eta_men": 1}}, "dynamics.eta_men: no such option; did you mean"),
     ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
-    ({"history": 0}, "history: found 0, expected a whole number of at least 1"),
+    ({"history": 0, "policy": len}, "history: found 0, expected a whole number of at least 1"),
     ({"history": 2, "policy": ["optimized"]}, "history: found 2, but no object that could see so many"),
     ({"history": 2, "policy": SeesThree()}, "history: found 2, but no object that could see so many"),
     ({"history": 2, "policy": {"kind": "custom", "target": len}}, "found 2, but no object that could"),
@@ -114,6 +114,13 @@ def test_policies_may_have_own_labels_and_histories():
     assert (
         evaluate([Seeing(3), "constant"], history=3, steps=3, episodes=2).returns == found.returns[3]
     ).all()
+
+
+def test_messages_have_the_label_that_was_given():
+    with pytest.raises(PolicyError, match=r"^policy my own: asked about random observations: step 0: "):
+        evaluate({"my own": lambda seen: seen[:, :2]}, steps=3, episodes=2)
+    with pytest.raises(ConfigError, match=r"^history: a: history: found 20000, expected a whole number"):
+        evaluate({"a": len}, history={"a": 20_000})
 
 
 ALIKE = {"setpoint": 20, "steps": 12, "episodes": 3, "seed": 4}

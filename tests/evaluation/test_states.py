@@ -31,7 +31,7 @@ def test_a_step_leads_from_each_state_to_the_next(either):
             experiment.seed, experiment.cells[cell].digest, index, int(row["step"]) + 1, experiment.drifting
         )
         action = row[["act_velocity", "act_gain", "act_shift"]].to_numpy(dtype=np.float32)
-        made = by_hand.moved(by_hand.lane(before, i), action, noise, experiment.variant)
+        made = by_hand.moved(by_hand.lane(before, i), action, noise, experiment.scenario.variant)
         equal(made, by_hand.lane(after, i))
 
 

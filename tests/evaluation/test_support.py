@@ -11,9 +11,11 @@ import pytest
 from helpers import ROOT
 from helpers.evaluating import BAD, NETWORK, POLICY, Data, few, policy_of, supported
 
+import ibdata
 from ibdata.errors import UsageError
 from ibdata.evaluation.importance import notes_on_mean_weights, without_large
 from ibdata.evaluation.overlap import Ratios
+from ibdata.policies import Certain, Decision, Needs
 
 CORE = ("random", "safe", "bad", "sampled", "ε-greedy", "sticky bad", "schedule")
 
@@ -137,3 +139,32 @@ def test_a_wrong_density_is_a_warning(law, wrong):
     )
     assert int(found[1]) <= 3
     assert (float(found[2]) - 1.0) * wrong > 0.0
+
+
+HALF_UP = {"kind": "constant", "action": [0.5, 0.5, 0.5]}
+
+
+class Counting:
+    """Acts as a constant policy does in the first steps only, which it counts itself."""
+
+    def reset(self, n):
+        self.step = 0
+
+    def decide(self, observed):
+        self.step += 1
+        size = 0.0 if self.step <= 3 else 0.5
+        return Decision(Certain(np.full((len(observed.step), 3), size)), observed.memory)
+
+
+def test_an_object_that_remembers_is_asked_step_by_step(tmp_path):
+    base = {"kind": "schedule", "stages": [{"base": "constant", "steps": 3}, {"base": HALF_UP}]}
+    data = {"name": "x", "setpoints": [20, 70], "episodes": 300, "steps": 5}
+    mixed = {"kind": "schedule", "stages": [{"base": "constant", "epsilon": [0.5, 0.5], "steps": 3}]}
+    mixed["stages"].append({"base": HALF_UP, "epsilon": [0.5, 0.5], "steps": 9})
+    ds = ibdata.generate({**data, "policies": [mixed]}, tmp_path / "x")
+    expected, found = (ibdata.importance(ds, target) for target in (base, Counting()))
+    np.testing.assert_array_equal(found.ratios, expected.ratios)
+    assert 0.0 < (found.ratios > 0.0).mean() < 1.0
+    drawing = type("Drawing", (Counting,), {"needs": Needs(draws=3)})()
+    with pytest.raises(UsageError, match="found live, which has a memory and random numbers"):
+        ibdata.importance(ds, drawing)

@@ -53,7 +53,7 @@ def replayed(ds, episode, step, branch, actions, discount=0.97, seed=0):
     state, total = state_at(ds, (episode, step)), 0.0
     for t, action in enumerate(actions):
         noise = by_hand.noise(seed, digest, branch, t + 1, experiment.drifting)
-        state = by_hand.moved(state, action, noise, experiment.variant)
+        state = by_hand.moved(state, action, noise, experiment.scenario.variant)
         total += discount**t * float(state.reward[0])
     return total
 

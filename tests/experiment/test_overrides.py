@@ -49,7 +49,7 @@ REFUSED = {
             "policies.0.base.kind",
             "mediocre",
         ),
-        (["dynamics={base: paper, eta_mean: 1}"], "variant.eta_mean", 1.0),
+        (["dynamics={base: paper, eta_mean: 1}"], "scenario.variant.eta_mean", 1.0),
         (["splits.1.episodes=1"], "splits.keys", {"1"}),
     ],
 )

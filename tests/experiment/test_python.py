@@ -35,7 +35,7 @@ def test_every_form_is_the_same_experiment(form):
     expected = Experiment(**{**PLAIN, "steps": 2, "seed": 5})
     for overrides in (["steps=2"], {"steps": 2}):
         assert load(form(), overrides, seed=5) == expected
-        assert load_all(form(), overrides, seed=5)[1] == [expected]
+        assert load_all(form(), overrides, seed=5).experiments == [expected]
         assert estimate(form(), overrides=overrides, seed=5)["rows"] == expected.rows
     given = form()
     assert load(given) == Experiment(**PLAIN)

@@ -10,7 +10,7 @@ import pytest
 import ibdata
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import find, load, load_all, shipped, suites
-from ibdata.experiment.shipped import catalogue
+from ibdata.experiment.catalogue import catalogue
 
 TEXT = "name: {name}\nsetpoints: 70\npolicies: [{{kind: random}}]\n"
 
@@ -42,14 +42,15 @@ def test_a_suite_and_its_files_are_shipped_by_name():
     assert find("siemens-offline") == find("siemens-offline/") == suites()["siemens-offline"]
     assert find("siemens-offline/bad-20.yaml") == shipped()["siemens-offline/bad-20"]
     assert load("siemens-offline/bad-20").name == "siemens-offline-bad-20"
-    assert len(load_all("siemens-offline")[1]) == 16
+    assert len(load_all("siemens-offline").experiments) == 16
 
 
 def test_a_folder_is_loaded_in_the_order_of_its_files(folder):
-    path, made = load_all(folder)
+    path, files, made = load_all(folder)
     assert (path, [experiment.name for experiment in made]) == (folder, ["second", "first"])
-    assert load_all(folder / "a.yaml") == (folder / "a.yaml", [load(folder / "a.yaml")])
-    _, made = load_all(folder, ["steps=3"], seed=4)
+    assert files == [folder / "a.yaml", folder / "b.yaml"]
+    assert load_all(folder / "a.yaml") == (None, [folder / "a.yaml"], [load(folder / "a.yaml")])
+    _, _, made = load_all(folder, ["steps=3"], seed=4)
     assert [(experiment.steps, experiment.seed) for experiment in made] == [(3, 4)] * 2
 
 

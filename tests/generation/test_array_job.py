@@ -15,9 +15,8 @@ from ibdata._system import part as parts
 from ibdata._system.part import Part
 from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
-from ibdata.experiment import self_check
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation import workers
+from ibdata.generation import record, workers
 from ibdata.generation.build import Build
 from ibdata.generation.generate import PartMade, Range
 from ibdata.tools.listing import datasets_in
@@ -168,7 +167,7 @@ def test_hosts_that_begin_at_the_same_moment_make_one_run(plain, files, together
 
 def test_of_hosts_with_other_bits_that_begin_at_the_same_moment_one_is_refused(together, monkeypatch):
     answers = iter(["0" * 64, "1" * 64])
-    monkeypatch.setattr(self_check, "answer", lambda: next(answers))
+    monkeypatch.setattr(record, "answer", lambda: next(answers))
     refused, made = sorted(together(TEN, TEN), key=lambda answer: isinstance(answer, PartMade))
     assert str(refused).startswith("out: holds an unfinished run of a machine that computes other bits; run")
     assert (made.shards, len(Part(Path("out")).runs)) == (5, 1)

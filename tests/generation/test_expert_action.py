@@ -9,8 +9,8 @@ import ibdata
 from ibdata._simulation.carry import begin
 from ibdata._simulation.unroll import observed
 from ibdata.experiment.rollout import episodes_of
-from ibdata.policies.actions import applied
 from ibdata.policies.checked import ask
+from ibdata.policies.distributions import applied
 from ibdata.policies.expert import Expert
 
 PLAIN = {

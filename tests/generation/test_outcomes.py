@@ -11,8 +11,7 @@ import ibdata
 from ibdata._system.part import Part
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError
-from ibdata.experiment import self_check
-from ibdata.generation import workers
+from ibdata.generation import record, workers
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -24,7 +23,7 @@ def begun(experiment=TINY):
 
 def of_other_bits():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(self_check, "digest", lambda run: b"0" * 32)
+        patch.setattr(record, "digest", lambda run: b"0" * 32)
         begun()
 
 

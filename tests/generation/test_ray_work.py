@@ -16,6 +16,6 @@ def test_another_run_at_the_same_place_is_another_run(tmp_path, monkeypatch):
     for seed in (1, 2, 2):
         plain = {"name": "x", "setpoints": 70, "policies": ["random"], "steps": 2, "seed": seed}
         spec = DatasetSpec.of(load(plain))
-        task = WorkerTask.of(spec, tmp_path, tmp_path)
+        task = WorkerTask(spec, tmp_path, tmp_path)
         ray._work(task, spec.shards[0])
     assert seeds == [1, 2, 2]

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata.policies import POLICIES, Decision, Needs, Observed, Policy
-from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
 from ibdata.policies.checked import ask
 from ibdata.policies.code import Acting
+from ibdata.policies.distributions import applied
 
 Actions = npt.NDArray[np.float32]
 BAD, SAFE, RANDOM = {"kind": "bad"}, {"kind": "safe"}, {"kind": "random"}

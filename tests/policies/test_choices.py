@@ -7,8 +7,8 @@ import pytest
 from helpers.policies import distribution, played, playing, ready
 
 from ibdata.policies import POLICIES
-from ibdata.policies.actions import applied
 from ibdata.policies.checked import ask
+from ibdata.policies.distributions import applied
 
 Sticky, Mixture, Schedule = (POLICIES[kind] for kind in ("sticky", "mixture", "schedule"))
 UP = {"kind": "constant", "action": [0.5, 0.5, 0.5]}

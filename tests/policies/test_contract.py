@@ -72,7 +72,7 @@ def test_noise_for_which_actions_are_too_coarse_is_refused(block):
 def test_it_is_an_immutable_block_of_options(block, tmp_path):
     policy = policy_of(block)
     made = Experiment(name="x", setpoints=70.0, policies=[policy])
-    assert type(policy).model_validate_json(policy.model_dump_json(), context=made.context) == policy
+    assert type(policy).model_validate_json(policy.model_dump_json(), context=made.checked_with) == policy
     for name, data in DatasetSpec.of(made).weights.items():
         (tmp_path / name).write_bytes(data)
     (tmp_path / "x.yaml").write_bytes(as_yaml(made))

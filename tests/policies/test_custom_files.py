@@ -95,4 +95,24 @@ def test_a_policy_keeps_its_folder_where_it_is_checked_again(beside, tmp_path):
     changed = around.model_copy(update={"epsilon": 0.2})
     new = around.model_copy(update={"base": {"kind": "custom", "target": "policy_beside.py:Own", "draws": 1}})
     for policy in [around, changed, new, *(each.policies[0] for each in made)]:
-        assert ready(policy).context["folder"] == Path("exp")
+        assert ready(policy).checked_with["folder"] == Path("exp")
+
+
+def test_policies_of_several_files_are_found_beside_each(tmp_path, monkeypatch):
+    """Also by the process in which they act, and by the search for what was edited since."""
+    monkeypatch.chdir(tmp_path)
+    policies = []
+    for gain in (0.25, 0.5):
+        folder = tmp_path / f"of-{gain}"
+        folder.mkdir()
+        (folder / f"{folder.name}.py").write_text(
+            f"def own(observations):\n    return 0 * observations[:, :3] + {gain}"
+        )
+        (folder / "x.yaml").write_text(as_yaml(described(target=f"{folder.name}.py:own")).decode())
+        policies += ibdata.load(folder / "x.yaml").policies
+    several = {"name": "own", "setpoints": 70, "policies": policies, "steps": 4}
+    made = ibdata.generate(several, "made", workers=1, allow_code=True)
+    assert set(made.to_pandas()["act_gain"]) == {0.25, 0.5}
+    (tmp_path / "of-0.5/of-0.5.py").write_text("own = None")
+    with pytest.raises(UsageError, match=r"made: holds .* other code, in of-0\.5\.py:own"):
+        ibdata.generate(several, "made", workers=1, allow_code=True)

@@ -7,8 +7,7 @@ import pytest
 from policies.test_recount import SIGMAS, N, recounted
 
 from ibdata.policies import Certain, ClippedNormal, Uniform
-from ibdata.policies.actions import applied
-from ibdata.policies.distributions import ByRow, Group
+from ibdata.policies.distributions import ByRow, Group, applied
 from ibdata.policies.network import SquashedNormal
 from ibdata.policies.replaced import OrCertain, OrUniform
 

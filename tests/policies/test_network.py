@@ -90,6 +90,18 @@ def test_a_policy_is_its_weights_not_their_path(saved, tmp_path):
     assert pickle.loads(pickle.dumps(policy)) == policy
 
 
+def test_another_file_has_its_own_sha256(saved, tmp_path):
+    (tmp_path / "new.safetensors").write_bytes(networks.weights(seed=3))
+    old, new = saved(), Network(file="new.safetensors")
+    made = Experiment(name="x", setpoints=70, policies=[old])
+    assert load(made, {"policies.0.file": "new.safetensors"}).policies == [new] != [old]
+    assert old.model_copy(update={"file": "new.safetensors"}) == new
+    with pytest.raises(
+        ValidationError, match=f"found weights with SHA-256 {new.sha256}, expected {old.sha256}"
+    ):
+        Network(file="new.safetensors", sha256=old.sha256)
+
+
 def test_paths_are_relative_to_the_experiment(saved, tmp_path):
     policy = saved()
     (tmp_path / "deep").mkdir()

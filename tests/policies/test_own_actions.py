@@ -8,7 +8,7 @@ import pytest
 from ibdata import evaluate
 from ibdata.errors import PolicyError
 from ibdata.policies import Decision, Deterministic, Policy
-from ibdata.policies.actions import DISCRETE
+from ibdata.policies.distributions import DISCRETE
 from ibdata.testing import check_policy
 
 FEW = {"episodes": 3, "steps": 20}

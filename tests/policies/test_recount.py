@@ -16,7 +16,7 @@ import pytest
 from helpers import FULL
 from helpers.policies import BASE, BLOCKS, SAFE, distribution, drawn, playing, policy_of
 
-from ibdata.policies.actions import applied
+from ibdata.policies.distributions import applied
 
 N, STEP = 50_000, 3
 STATES = 2 if FULL else 1

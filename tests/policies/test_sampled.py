@@ -10,8 +10,8 @@ import pytest
 from helpers.networks import actor
 from helpers.policies import distribution
 
-from ibdata.policies.actions import applied
 from ibdata.policies.base import Needs, at_start
+from ibdata.policies.distributions import applied
 from ibdata.policies.network import Network, Sampled, log_component, rounded_to
 
 COMPONENTS = [(0.3, -1.0), (-1.2, 0.2), (7.0, -2.0), (7.27, 1.0), (-12.0, 0.5)]

@@ -10,8 +10,8 @@ import pytest
 from helpers.networks import Environment, Model, weights
 
 import ibdata
+from ibdata.policies.libraries import scaling_of
 from ibdata.policies.network import Network
-from ibdata.policies.scaling import scaling_of
 
 MEAN, STD = np.full(6, 50.0), np.array([0.001, 9.0, 9.0, 9.0, 9.0, 9.0])
 FAR = "setpoint 75: up to 2.5e+04 standard deviations from 50, the mean in its scaling of observations"

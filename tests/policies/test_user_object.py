@@ -5,14 +5,15 @@ from __future__ import annotations
 import contextlib
 import sys
 import types
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
 from helpers.policies import proposed, ready
+from pydantic import Field
 
 import ibdata
-from ibdata.errors import PolicyError, UsageError
+from ibdata.errors import ConfigError, PolicyError, UsageError
 from ibdata.evaluation.policies import as_policy
 from ibdata.policies import AnyPolicy, Decision, Deterministic, Needs, Policy
 from ibdata.policies.checked import AnswerError
@@ -81,8 +82,14 @@ def test_what_is_no_action_says_what_was_given(answer, line):
 def test_a_density_of_another_form_is_refused_with_a_hint():
     for method in ("log_prob", "log_density"):
         other = type("Other", (Predicting,), {method: lambda self, *_: None})()
-        with pytest.raises(UsageError, match=f"Other: found {method}, expected decide to return Decision\\("):
-            as_policy(other)
+        line = f"Other: found {method}, expected decide to return Decision\\("
+        for given in (
+            other,
+            {"kind": "custom", "target": other},
+            {"kind": "schedule", "stages": [{"base": other}]},
+        ):
+            with pytest.raises(UsageError, match=line):
+                as_policy(given)
 
 
 class Tensor:
@@ -256,3 +263,62 @@ def test_a_deterministic_policy_of_a_user_may_be_the_base_of_noise():
     for base in (Named(), Drawing()):
         with pytest.raises(ibdata.IbdataError, match="found live without deterministic: true"):
             as_policy({**noisy, "base": base})
+
+
+class Still:
+    """Does nothing."""
+
+    def predict(self, observations):
+        return 0.0 * observations[:, :3]
+
+
+class Converted(Still):
+    def tolist(self):
+        return [1, 2]
+
+
+class Pair(NamedTuple):
+    gain: float = 1.0
+    predict = Still.predict
+
+
+AGENTS = {
+    "tolist": Converted(),
+    "named tuple": Pair(),
+    "dict": type("OfDict", (dict, Still), {})(),
+    "list": type("OfList", (list, Still), {})(),
+}
+
+
+@pytest.mark.parametrize("agent", AGENTS.values(), ids=AGENTS)
+def test_an_object_that_acts_is_never_taken_for_data(agent):
+    plain = {"name": "x", "setpoints": 70, "policies": ["random"]}
+    name = type(agent).__name__.lower()
+    wrapped = {"kind": "gaussian", "scale": 0.1, "base": {"kind": "custom", "target": agent}}
+    made = ibdata.load({**plain, "policies": [agent]})
+    for experiment in (made, ibdata.load(made), ibdata.load(plain, {"policies.0": agent})):
+        assert experiment.policies[0].target is agent
+        assert experiment.labels == (name,)
+    for given in (agent, [agent], {name: agent}):
+        assert ibdata.evaluate(given, steps=2, episodes=1).results[0].policy == name
+    with pytest.raises(ConfigError, match=r"policies\.0\.base: found live without deterministic"):
+        ibdata.load({**plain, "policies": [wrapped]})
+    for experiment in (made, {**plain, "policies": [agent]}):  # an override finds its block
+        seeing = ibdata.load(experiment, {"policies.0.history": 3, "policies.0.name": "own"}).policies[0]
+        assert (seeing.target, seeing.history, seeing.name) == (agent, 3, "own")
+
+
+def test_objects_are_loaded_wherever_an_option_holds_them():
+    class Members(Policy):
+        """Acts by the first of several policies."""
+
+        kind: Literal["members"] = "members"
+        several: tuple[AnyPolicy, ...] = ()
+        named: dict[str, AnyPolicy] = Field(default={})
+
+        def decide(self, observed):
+            return [*self.several, *self.named.values()][0].decide(observed)
+
+    for policy in (Members(several=(Still(),)), Members(named={"a": Still()})):
+        assert len(policy.inner) == 1
+        assert ibdata.evaluate(policy, steps=2, episodes=1).results[0].clipped == 0.0

@@ -9,7 +9,7 @@ from helpers.policies import BASE, proposed
 
 from ibdata._numerics.exact import log_cdf
 from ibdata.policies import POLICIES
-from ibdata.policies.actions import applied
+from ibdata.policies.distributions import applied
 
 EpsilonGreedy, Gaussian, Safe = (POLICIES[kind] for kind in ("epsilon_greedy", "gaussian", "safe"))
 OWN = np.array([0.5, -1.0, 0.1], dtype=np.float32)

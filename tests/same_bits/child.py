@@ -29,8 +29,8 @@ from ruamel.yaml import YAML
 import ibdata
 from ibdata._simulation import unroll
 from ibdata._system.part import RECEIPTS, Part
-from ibdata.experiment import Experiment, rollout, self_check
-from ibdata.generation import process, workers
+from ibdata.experiment import Experiment, rollout
+from ibdata.generation import process, record, workers
 from ibdata.generation.shard import DATASET
 
 HERE = Path(__file__).resolve().parent
@@ -180,7 +180,7 @@ def main(spec: dict[str, object]) -> None:
     wrong = unmet(spec.get("expect", {}), found)
     assert not wrong, wrong
     if "known_answer" in spec:
-        self_check.ANSWER = spec["known_answer"]
+        record.ANSWER = spec["known_answer"]
     with tempfile.TemporaryDirectory(dir=spec["folder"]) as notes:
         os.environ |= {"SAME_BITS_NOTES": notes, "SAME_BITS_SPEC": json.dumps(spec)}
         results = {e.name: made(e, spec) for e in experiments(spec["size"], spec.get("shards", 0))}

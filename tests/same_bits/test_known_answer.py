@@ -18,16 +18,16 @@ WORD, BITS = SWITCHES.get(platform.machine(), (0, {}))
 FLUSHING = """
 import ctypes, ctypes.util, sys, tempfile
 import ibdata
-from ibdata.experiment import self_check
-assert self_check.answer() == self_check.ANSWER
-before = self_check.digest(self_check.MOVING)
+from ibdata.generation import record
+assert record.answer() == record.ANSWER
+before = record.digest(record.MOVING)
 libm = ctypes.CDLL(ctypes.util.find_library("m"))
 environment = (ctypes.c_uint32 * 8)()
 libm.fegetenv(environment)
 environment[int(sys.argv[1])] |= int(sys.argv[2])
 libm.fesetenv(environment)
-right = self_check.answer() == self_check.ANSWER
-print(right, self_check.digest(self_check.MOVING) == before)
+right = record.answer() == record.ANSWER
+print(right, record.digest(record.MOVING) == before)
 with tempfile.TemporaryDirectory() as folder:
     print(ibdata.generate("random", folder, overrides=["steps=2"], workers=1).manifest["reproducible"])
 """

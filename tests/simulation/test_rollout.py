@@ -75,7 +75,7 @@ def started(experiment, cell, index):
     u = uniform(experiment, cell, index, START, 0, 4)
     steerings = 100.0 * u[:3] if experiment.start == "uniform" else np.full(3, 50.0)
     state = initial_state(cell.setpoint, *steerings, drifting=experiment.drifting)
-    state = step(state, np.zeros((1, 3)), noise(experiment, cell, index, 0), experiment.variant)
+    state = step(state, np.zeros((1, 3)), noise(experiment, cell, index, 0), experiment.scenario.variant)
     states, actions = [state], []
     if isinstance(experiment.start, str):
         return states, actions
@@ -84,7 +84,7 @@ def started(experiment, cell, index):
         action = 2.0 * uniform(experiment, cell, index, BURN_IN_POLICY, t, 4)[:3] - 1.0
         drawn = noise(experiment, cell, index, t, BURN_IN_DYNAMICS, BURN_IN_DRIFT)
         actions.append(action.astype(np.float32))
-        states.append(step(states[-1], actions[-1][None], drawn, experiment.variant))
+        states.append(step(states[-1], actions[-1][None], drawn, experiment.scenario.variant))
     return states, actions
 
 
@@ -105,7 +105,9 @@ def resimulated(experiment, cell, index):
         action = action_of(cell.policy, seen, u[None, : cell.policy.needs.draws])
         log_prob.append(log_density_of(cell.policy, seen, action)[0])
         actions.append(action[0])
-        states.append(step(states[-1], action, noise(experiment, cell, index, t + 1), experiment.variant))
+        states.append(
+            step(states[-1], action, noise(experiment, cell, index, t + 1), experiment.scenario.variant)
+        )
     return states[skipped:], np.array(actions[skipped:]), np.array(log_prob)
 
 

@@ -11,7 +11,7 @@ from helpers.folders import contents
 
 import ibdata
 from ibdata.errors import DatasetError
-from ibdata.experiment.template import write_template
+from ibdata.experiment.catalogue import write_template
 from ibdata.tools.card import card
 from ibdata.tools.listing import datasets_in
 

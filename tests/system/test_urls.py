@@ -21,7 +21,7 @@ from ibdata._system import storage
 from ibdata._system.storage import is_url
 from ibdata.cli import cli
 from ibdata.errors import DatasetError, IbdataError, UsageError
-from ibdata.experiment.template import write_template
+from ibdata.experiment.catalogue import write_template
 from ibdata.tools.card import card
 from ibdata.tools.listing import datasets_in
 

@@ -15,7 +15,7 @@ import pytest
 import ibdata
 from ibdata._system.lock import locked
 from ibdata.errors import BusyError, DatasetError, UsageError
-from ibdata.experiment.shipped import full_name, shipped
+from ibdata.experiment.catalogue import full_name, shipped
 from ibdata.tools import make as room
 
 

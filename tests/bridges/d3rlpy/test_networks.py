@@ -18,9 +18,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNorm
 
 import ibdata
 from ibdata.evaluation.policies import as_policy
-from ibdata.policies.actions import applied
 from ibdata.policies.base import at_start
 from ibdata.policies.checked import ask
+from ibdata.policies.distributions import applied
 from ibdata.policies.network import Network, Sampled
 
 FRAMES = 3

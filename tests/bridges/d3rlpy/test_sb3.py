@@ -178,7 +178,7 @@ def test_a_scaling_that_stayed_behind_is_said(tmp_path):
 
 def test_discrete_actions_are_those_of_the_environment():
     model = model_in(gymnasium.make(ID, discrete_actions=True), DQN)
-    table = ibdata.policies.actions.DISCRETE
+    table = ibdata.policies.distributions.DISCRETE
 
     def spelt_out(observations):
         return np.array(table)[model.predict(observations, deterministic=True)[0]]

@@ -1,4 +1,4 @@
-"""The experiments that come with ibdata: their list, and the search for one by path or name."""
+"""The experiments that come with ibdata: their list, the search for one, and the template of a new one."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ibdata._numerics.naming import counted
-from ibdata._system.configs import root
+from pydantic import TypeAdapter, ValidationError
+
+from ibdata._numerics.naming import counted, yaml_name
+from ibdata._system.configs import configs_in, root
 from ibdata._system.configs import shipped as shipped
+from ibdata._system.storage import local
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.errors import UsageError, suggestion
+from ibdata.errors import IbdataError, UsageError, suggestion
+from ibdata.experiment.fields import FileName
 
 MODELINE = "# yaml-language-server:"
 
 
 def suites() -> dict[str, Path]:
     """The folders of configs that come with ibdata, by name."""
-    return {path.name: path for path in sorted(root().iterdir()) if is_suite(path)}
-
-
-def is_suite(path: Path) -> bool:
-    """Whether a path is a folder that holds configs."""
-    return os.path.isdir(path) and any(path.glob("[!.]*.yaml"))
+    return {path.name: path for path in sorted(root().iterdir()) if configs_in(path)}
 
 
 def find(config: str | os.PathLike[str]) -> Path:
@@ -32,7 +31,7 @@ def find(config: str | os.PathLike[str]) -> Path:
     A folder without configs is ignored. Raises UsageError if there is no match.
     """
     path = Path(os.path.expanduser(config))
-    if os.path.exists(path) and (not os.path.isdir(path) or is_suite(path)):  # False for an invalid name
+    if os.path.exists(path) and (not os.path.isdir(path) or configs_in(path)):  # False for an invalid name
         return path
     known = {**shipped(), **suites()}
     name = os.fspath(config).removesuffix("/").removesuffix(".yaml")
@@ -101,3 +100,61 @@ def description(path: Path) -> str:
     with path.open(encoding="utf-8") as file:
         comments = (line for line in file if line.startswith("#") and not line.startswith(MODELINE))
         return next(comments, "").removeprefix("#").strip()
+
+
+TEMPLATE = """\
+# An experiment of ibdata, which determines the contents of a dataset.
+name: {name}
+
+# siemens: the authors' code, with which nearly all published results were made.
+# paper: the equations as printed. A variant with single fields replaced: {{base: siemens, eta_mean: 0.05}}
+dynamics: siemens
+
+# In [0, 100]: a number, a list, a range that includes its stop, or moving: drifting, {{drifting: [10, 50]}}
+setpoints: {{start: 10, stop: 100, step: 10}}
+
+# Each policy is combined with each setpoint; `ibdata config policies` lists them with their options.
+policies:
+  - kind: random
+  - kind: epsilon_greedy
+    base: {{kind: optimized}}
+    epsilon: 0.4
+    name: explored              # label in the data; by default the kind
+
+episodes: 2                     # of each setpoint and policy
+steps: 1000                     # rows of an episode
+
+# default: velocity = gain = shift = 50; uniform: anywhere; {{burn_in: [15, 64]}}: random steps first
+start: default
+seed: 0
+
+output:
+  dtype: float32                # or float64
+  latent: true                  # the hidden state; or false, full (with derived values), next (also at t + 1)
+
+# Named sets of episodes, stored in files of their own: by setpoint, policy, and episodes of each combination.
+splits:
+  source: {{setpoint: 50}}
+  target: {{setpoint: 70, episodes: 1}}
+
+licence: CC-BY-4.0              # of the dataset, an SPDX expression
+"""
+
+
+def write_template(file: str | os.PathLike[str]) -> None:
+    """Write the template into a new file and name the experiment after the file.
+
+    Raises UsageError if the file exists, and IbdataError if it cannot be written.
+    """
+    path = local(file)
+    try:
+        name = TypeAdapter(FileName).validate_python(path.stem)
+    except ValidationError:
+        name = "experiment"
+    try:
+        with path.open("x", encoding="utf-8") as stream:
+            stream.write(TEMPLATE.format(name=yaml_name(name)))
+    except FileExistsError:
+        raise UsageError(f"{path}: exists already; choose another name") from None
+    except OSError as error:
+        raise IbdataError(f"{path}: cannot be written: {error.strerror}") from None
