@@ -65,7 +65,7 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
         AssertionError: a check failed; the message says which.
         PolicyError: the policy is not pure, raised an exception, or returned no numbers of the right shape.
     """
-    policy = as_policy(policy, history)
+    policy = policy if isinstance(policy, Policy) else as_policy(policy, history)
     with loaded([policy]) as [policy]:
         if not any(policy.everywhere(UserObject)):  # of which `loaded` has made sure
             checked.refuse_impure(policy, exact=True)

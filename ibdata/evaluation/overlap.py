@@ -82,8 +82,8 @@ def refuse_remembered_draws(target: Policy) -> None:
         if (needs.memory or is_object_that_remembers) and (needs.draws or policy.needs.episode_draws):
             raise UsageError(
                 f"policy {target.label}: found {policy.kind}, which has a memory and random numbers, "
-                "expected only one of them: no data have numbers that it may remember; use `history` in "
-                "place of memory"
+                "expected only one of them: no data have numbers that it may remember; let a base remember, "
+                "and {kind: gaussian, base: …} draw"
             )
 
 

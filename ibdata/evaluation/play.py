@@ -18,8 +18,6 @@ from ibdata.errors import UsageError
 from ibdata.evaluation.policies import loaded, notes_on, setpoint_notes
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.policies import Observed
-from ibdata.policies.checked import clipping_notes
-from ibdata.policies.compound import is_foreign
 from ibdata.policies.distributions import read_only
 from ibdata.policies.user_object import ObjectPolicy
 from ibdata.views.options import PLAIN, ViewOptions, Window
@@ -73,10 +71,7 @@ def play(
                     *returns, count = _returns(scenario, cell, number, part, discount, advance, view)
                     out[0, number, part], out[1, number, part], out[2, number, part] = returns
                     clipped[number] += count / (n * scenario.steps)
-            of_policy = list(notes_on(policy, view))
-            if is_foreign(policy):
-                of_policy += clipping_notes(clipped[those].mean(), 1.0, "actions")
-            notes.append([*of_policy, *at_setpoints])
+            notes.append([*notes_on(policy, view), *at_setpoints])
     discounted, undiscounted, costs = out.reshape(3, -1, per_policy, n)
     return Played(discounted, undiscounted, costs, clipped.reshape(-1, per_policy), notes)
 

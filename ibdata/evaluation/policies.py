@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from ibdata._numerics.arguments import can_act
 from ibdata._numerics.naming import exact, unequal
-from ibdata.errors import ConfigError, UsageError, notice, suggestion
+from ibdata.errors import ConfigError, UsageError, notice, printable, suggestion
 from ibdata.experiment.messages import refusals, shown
 from ibdata.experiment.scenario import Scenario
 from ibdata.experiment.yaml import Document, StrictYamlError
@@ -89,7 +89,18 @@ def as_policy(policy: Any, history: int = 1, allow_code: bool = False) -> Policy
 
 def _made(given: Any, history: int, allow_code: bool) -> tuple[Policy, bool]:
     """The policy of what a user gave, and whether that is an object which takes a number of observations."""
-    if isinstance(given, Policy):
+    made, takes_history = _policy_of(given, history)
+    for custom in made.everywhere(Custom) if not allow_code else ():
+        if custom.checked_with["folder"] is not None:  # it is from a file
+            raise UsageError(
+                f"policy {made.label}: found the custom policy {printable(custom.target)} of a file, "
+                "which is code that would run; --allow-code if you trust it"
+            )
+    return made, takes_history
+
+
+def _policy_of(given: Any, history: int) -> tuple[Policy, bool]:
+    if isinstance(given, Policy) and not is_foreign(given):
         return given, False
     if isinstance(given, type):
         raise UsageError(f"policy: found the class {given.__name__}, expected an object: {given.__name__}(…)")
@@ -100,11 +111,11 @@ def _made(given: Any, history: int, allow_code: bool) -> tuple[Policy, bool]:
     if isinstance(given, Mapping):
         return _block(dict(given), "policy"), False
     if isinstance(given, str | os.PathLike):
-        return _named(given, allow_code), False
+        return _named(given), False
     raise UsageError(f"policy: found {shown(given)}, expected one policy: a kind, a block, {EXPECTED}")
 
 
-def _named(name: str | os.PathLike[str], allow_code: bool) -> Policy:
+def _named(name: str | os.PathLike[str]) -> Policy:
     text = os.path.expanduser(name)
     if text in POLICIES:
         return _block({"kind": text}, f"policy {text}")
@@ -124,12 +135,7 @@ def _named(name: str | os.PathLike[str], allow_code: bool) -> Policy:
     if not isinstance(block, dict) or "kind" not in block:
         example = f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{example}'"])
-    policy = _block(block, place, folder)
-    if folder is not None and not allow_code and any(policy.everywhere(Custom)):
-        raise UsageError(
-            f"{place}: found a custom policy, which is code that would run; --allow-code if you trust it"
-        )
-    return policy
+    return _block(block, place, folder)
 
 
 def _of_binary(path: str) -> str:

@@ -48,7 +48,7 @@ def find(config: str | os.PathLike[str]) -> Path:
 
 
 def full_name(what: str, name: str, sets: Sequence[str]) -> str:
-    """The name with its suite of the set that is named with or without it, where that leaves no doubt.
+    """The full name of a set, such as suite/set; the suite may be left out where that leaves no doubt.
 
     Raises UsageError if none of the sets has the name.
     """

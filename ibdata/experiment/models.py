@@ -108,7 +108,8 @@ class Experiment(FrozenModel):
     @property
     def checked_with(self) -> dict[str, Any]:
         """The folder, and the weights of all networks by their SHA-256, so that a copy needs no file."""
-        return {**super().checked_with, "folder": self._folder}
+        of_policies = super().checked_with  # with the folder of one that is from a file
+        return {**of_policies, "folder": self._folder} if self._folder else of_policies
 
     @property
     def drifting(self) -> bool:

@@ -179,7 +179,7 @@ def _refuse_unknown(given: Sequence[float], known: Sequence[float]) -> None:
             raise UsageError(f"split: found setpoint {exact(setpoint)}, expected one of {names}")
 
 
-# By the name of the scheme, or of the property if it has only one scheme.
+# By the name of the scheme; `episode` and `policy` have one each, named as they are.
 SCHEMES: Mapping[str, Callable[..., Splits]] = {
     "transfer": transfer,
     "leave-one-out": leave_one_out,

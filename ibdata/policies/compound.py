@@ -89,8 +89,8 @@ def _without_name(base: Policy) -> Policy:
 def _certain(base: Policy) -> Policy:
     if not is_deterministic(base):
         raise ValueError(
-            f"found {base.kind} without deterministic: true, expected a policy that draws nothing; write "
-            "that into it if it draws nothing"
+            f"found {base.label} without deterministic: true, expected a policy that draws nothing; if it is "
+            "one, write {kind: custom, target: …, deterministic: true}"
         )
     return base
 

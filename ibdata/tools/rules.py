@@ -218,8 +218,9 @@ def expert_action(rows: Rows) -> Found:
     first, stop = rows.episodes.first, rows.episodes.stop
     stored, seen, acted = (rows.stack(role) for role in ("expert_action", "observation", "action"))
     wrong = stored != expert_actions(rows.experiment, first, stop, seen, acted)
-    for i, setting in enumerate(("velocity", "gain", "shift")):
-        yield from _where(wrong[..., i].ravel(), f"expert_act_{setting}", rows, "the expert's action")
+    names = [column.name for column in rows.described if column.role == "expert_action"]
+    for i, name in enumerate(names):
+        yield from _where(wrong[..., i].ravel(), name, rows, "the expert's action")
 
 
 RULES: dict[str, Callable[[Rows], Found]] = {

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+import ibdata
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 
@@ -81,3 +82,23 @@ def test_problems_of_file_overrides_and_seed_are_told_at_once(problems, with_lin
         "override steps: found -1, expected a whole number of at least 1",
         "seed: found -1, expected a whole number of at least 0",
     ]
+
+
+def test_the_code_of_a_file_is_found_by_a_copy_of_an_experiment_with_its_policies(tmp_path, monkeypatch):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/mine.py").write_text("def still(observations):\n    return 0 * observations[:, :3]\n")
+    (tmp_path / "sub/mine.yaml").write_text(
+        "{name: a, setpoints: 20, policies: [{kind: custom, target: 'mine.py:still'}]}"
+    )
+    policies = ibdata.load(tmp_path / "sub/mine.yaml").policies
+    copied = ibdata.load(
+        ibdata.Experiment(name="b", setpoints=70, policies=policies), {"policies.0.name": "c"}
+    )
+    monkeypatch.chdir(tmp_path)
+    found = ibdata.evaluate(copied.policies, steps=3, episodes=2, allow_code=True)
+    assert found.results[0].policy == "c"
+
+
+def test_the_default_of_an_option_may_be_written():
+    plain = {"name": "a", "setpoints": 20, "policies": ["safe"]}
+    assert ibdata.load(plain) == ibdata.load(plain, {"output.expert_action": False})

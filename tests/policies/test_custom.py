@@ -101,8 +101,14 @@ def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
 
 def test_evaluating_a_file_that_names_code_needs_leave(mine):
     (mine / "p.yaml").write_text("{kind: custom, target: 'mine:actor', draws: 3}")
-    with pytest.raises(UsageError, match=r"p\.yaml: found a custom policy, which is code"):
-        ibdata.evaluate("p.yaml", steps=3, episodes=2)
+    (mine / "e.yaml").write_text(
+        "{name: e, setpoints: 20, policies: [{kind: custom, target: 'mine:actor', draws: 3}]}"
+    )
+    for given in ("p.yaml", ibdata.load("e.yaml").policies):
+        with pytest.raises(
+            UsageError, match="found the custom policy mine:actor of a file, which is code that"
+        ):
+            ibdata.evaluate(given, steps=3, episodes=2)
     assert not (mine / "imported").exists()
     from_file = ibdata.evaluate("p.yaml", steps=3, episodes=2, allow_code=True)
     typed = ibdata.evaluate({"kind": "custom", "target": "mine:actor", "draws": 3}, steps=3, episodes=2)

@@ -105,7 +105,7 @@ seldom = Seldom()
     ("policy", "clipped", "notes"),
     [
         ({"mine": targets}, 1.0, [f"mine: {OFTEN}"]),
-        (Targets(), 1.0, [f"targets: {LINE.format('100%', 'actions')}"]),
+        (Targets(), 1.0, [f"targets: {OFTEN}"]),
         ({"kind": "custom", "target": SureTargets()}, 1.0, [f"suretargets: {OFTEN}"]),
         ({"kind": "epsilon_greedy", "base": targets, "epsilon": 0.5}, 0.0, [f"epsilon_greedy: {OFTEN}"]),
         (third, 1.0, [f"third: {LINE.format('33%', 'numbers of its actions')}"]),
