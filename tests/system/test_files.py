@@ -1,4 +1,4 @@
-"""Files written whole or not at all, the folders of the cache, and the code for macOS."""
+"""Files written whole or not at all, and the folders of the cache."""
 
 import os
 import tempfile

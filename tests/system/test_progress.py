@@ -8,8 +8,6 @@ import ibdata
 from ibdata import Experiment
 from ibdata.cli import cli
 
-slow = pytest.mark.slow
-
 
 def parts(steps):
     """600 episodes in two files of 300, each simulated in parts of 256 and 44."""
@@ -41,10 +39,10 @@ def bars(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("workers", "processors", "steps"), [(1, 1, 10), (1, 2, 10), pytest.param(2, 2, 1000, marks=slow)]
+    ("workers", "processors", "steps"), [(1, 2, 10), pytest.param(2, 2, 1000, marks=pytest.mark.slow)]
 )
 def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch, workers, processors, steps):
-    """With one thread, with two, and with worker processes."""
+    """With two threads, and with worker processes."""
     monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: processors)
     if workers == 1:
         monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", steps * 256)
@@ -61,10 +59,9 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("line", COMMANDS.values(), ids=COMMANDS)
-@pytest.mark.parametrize(("terminal", "more"), [(True, ""), (False, ""), (True, " --quiet")])
-def test_a_command_shows_its_bar_only_in_a_terminal(
-    bars, dataset, tmp_path, monkeypatch, line, terminal, more
-):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    cli.main((line + more).format(folder=dataset.path, out=tmp_path).split(), standalone_mode=False)
-    assert bool(bars) == (terminal and not more)
+def test_a_command_shows_its_bar_only_in_a_terminal(bars, tmp_path, monkeypatch, line):
+    for terminal, more in ((False, ""), (True, " --quiet"), (True, " --overwrite" * ("generate" in line))):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)  # noqa: B023
+        assert bars == []
+        cli.main((line + more).format(out=tmp_path).split(), standalone_mode=False)
+    assert len(bars) == 1
