@@ -14,9 +14,7 @@ SMALL = {"name": "small", "setpoints": 70, "policies": ["random"], "episodes": 2
 
 
 @pytest.fixture
-def small(made_at, tmp_path, monkeypatch):
-    monkeypatch.setattr("ibdata.tools.card.drawn", lambda _: {})  # pictures take seconds
-    monkeypatch.setattr("ibdata.tools.card.page", lambda *_: b"")
+def small(made_at, tmp_path):
     return made_at(SMALL, tmp_path / "small")
 
 
@@ -38,17 +36,10 @@ def test_the_licence_is_in_the_table_and_in_the_front_matter(small, tmp_path):
     assert mine.content_root == small.content_root
 
 
-@pytest.mark.parametrize(
-    ("licences", "lines"),
-    [
-        (["cc0-1.0"], ["license: cc0-1.0"]),
-        (["PDDL-1.0", "MIT"], ["license: [pddl, mit]"]),
-        (["MIT", "X-1", "Y-2"], ["license: [mit, other]", 'license_name: "X-1, Y-2"']),
-        (["1e3"], ["license: other", 'license_name: "1e3"']),
-    ],
-)
-def test_the_hub_knows_licences_by_its_own_words(licences, lines):
-    assert front_matter(licences) == lines
+def test_the_hub_knows_licences_by_its_own_words():
+    assert front_matter(["PDDL-1.0", "cc0-1.0"]) == ["license: [pddl, cc0-1.0]"]
+    expected = ["license: [mit, other]", 'license_name: "1e3, Y-2"']
+    assert front_matter(["MIT", "1e3", "Y-2"]) == expected
 
 
 def test_the_behaviour_has_its_returns_and_its_scores(tmp_path):
@@ -78,6 +69,5 @@ def test_the_card_says_how_to_cite_as_the_documents_do(small):
     for author in paper["authors"]:
         assert f"{author['family-names']}, {author['given-names']}" in " ".join(PAPER.split())
     assert f"title   = {{{citation['title']}}}" in text
-    assert f"author  = {{{{{citation['authors'][0]['name']}}}}}" in text
     assert f"version = {{{ibdata.__version__}}}" in text
     assert f"{{Dataset small, content root {small.content_root}}}" in text

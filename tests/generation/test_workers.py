@@ -22,22 +22,20 @@ from ibdata.generation.process import Worker
 slow = pytest.mark.slow  # a process starts in more than a second
 
 
-@pytest.mark.parametrize(
-    ("rows", "processors", "asked", "custom", "expected"),
-    [
-        (10**6, 1, None, False, (1, 1)),
-        (10**9, 4, None, False, (1, 4)),
-        (10**8, 64, None, False, (64, 1)),
-        (10**8, 8, 2, False, (2, 4)),
-        (2 * 10**6, 8, 16, False, (2, 4)),
-        (10**8, 8, None, True, (8, 1)),
-    ],
-)
-def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked, custom, expected):
-    """Processes and threads follow from rows, processors, --workers and whether policies are custom."""
+DIVISION = [  # rows, processors, --workers, the policy; processes and threads
+    (10**6, 1, None, "random", (1, 1)),
+    (10**9, 4, None, "random", (1, 4)),
+    (10**8, 64, None, "random", (64, 1)),
+    (10**8, 8, 2, "random", (2, 4)),
+    (2 * 10**6, 8, 16, "random", (2, 4)),
+    (10**8, 8, None, {"kind": "custom", "target": "mine:Mine"}, (8, 1)),
+]
+
+
+@pytest.mark.parametrize(("rows", "processors", "asked", "policy", "expected"), DIVISION)
+def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked, policy, expected):
     monkeypatch.setattr(workers, "available_processors", lambda: processors)
-    policies = [{"kind": "custom", "target": "mine:Mine"} if custom else "random"]
-    plain = {"name": "x", "setpoints": 70, "policies": policies, "episodes": rows // 1000}
+    plain = {"name": "x", "setpoints": 70, "policies": [policy], "episodes": rows // 1000}
     spec = DatasetSpec.of(Experiment.model_validate(plain))
     assert workers.divide(spec, spec.shards, asked) == expected
 
@@ -47,16 +45,14 @@ import ibdata, sys
 print(ibdata.generate(ibdata.Experiment.model_validate({TINY.plain()}), "out", workers=2).content_root)
 print(*[name for name in ("pandas", "polars", "duckdb", "matplotlib") if name in sys.modules])
 """
-WAYS = {"script": ["plain.py"], "stdin": ["-"], "-m": ["-m", "package.module"]}
+WAYS = {"script": ["plain.py"], "stdin": ["-"], "-m": ["-m", "plain"]}
 
 
 @slow
 @pytest.mark.parametrize("way", WAYS)
 def test_a_script_needs_no_guard(tiny, way):
     """Code without `if __name__ == "__main__"` runs once with several workers, and loads no reader."""
-    for path in ("plain.py", "package/module.py"):
-        Path(path).parent.mkdir(exist_ok=True)
-        Path(path).write_text(SCRIPT)
+    Path("plain.py").write_text(SCRIPT)
     given = SCRIPT if way == "stdin" else None
     child = subprocess.run(
         [sys.executable, "-W", "error", *WAYS[way]], input=given, capture_output=True, text=True, timeout=120
