@@ -14,7 +14,7 @@ import ibdata
 from ibdata._system.part import locked_part
 from ibdata.dataset import manifest
 from ibdata.dataset.tabular import column_texts
-from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.errors import DatasetError, UsageError
 from ibdata.tools.card import card
 
 slow = pytest.mark.slow
@@ -91,12 +91,9 @@ def test_a_card_and_a_report_are_new_and_the_dataset_is_the_same(plain, carded):
 def test_the_report_is_whole_html_that_loads_nothing(page):
     assert page.text.startswith("<!DOCTYPE html>\n")
     assert "://" not in page.text
-    assert {name for _, name, _ in page.attributes} & {"srcset", "onload", "action", "data"} == set()
     assert not {tag for tag, *_ in page.attributes} & {"script", "link", "iframe", "object"}
     assert all(value.startswith("data:image/png;base64,") for value in page.all("img", "src"))
-    assert page.all("html", "lang") == ["en"]
     assert any("default-src 'none'" in value for value in page.all("meta", "content"))
-    assert any("width=device-width" in value for value in page.all("meta", "content"))
 
 
 @slow
@@ -122,24 +119,23 @@ def without_report(*arguments):
     raise ImportError("no matplotlib")
 
 
-@slow
 @pytest.mark.parametrize("name", [manifest.CARD, manifest.REPORT])
-@slow
-def test_an_edited_file_is_replaced_only_if_that_is_said(copied, monkeypatch, name):
+def test_an_edited_file_is_replaced_only_if_that_is_said(plain, tmp_path, monkeypatch, name):
     monkeypatch.setattr("ibdata.tools.card.page", lambda *arguments: b"a page")
     monkeypatch.setattr("ibdata.tools.card.drawn", lambda dataset: {})
-    card(copied, overwrite=True)
-    own = contents(copied)
-    (copied / name).write_text("mine")
-    edited = contents(copied)
-    message = f"^{copied / name}: found other text than ibdata writes now; --overwrite to replace it$"
+    folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
+    card(folder, overwrite=True)
+    own = contents(folder)
+    (folder / name).write_text("mine")
+    edited = contents(folder)
+    message = f"^{folder / name}: found other text than ibdata writes now; --overwrite to replace it$"
     with pytest.raises(UsageError, match=message):
-        card(copied)
-    assert contents(copied) == edited
-    card(copied, overwrite=True)
-    assert contents(copied) == own
-    card(copied)
-    assert contents(copied) == own
+        card(folder)
+    assert contents(folder) == edited
+    card(folder, overwrite=True)
+    assert contents(folder) == own
+    card(folder)
+    assert contents(folder) == own
 
 
 def test_the_cards_of_generate_and_repair_are_replaced_and_one_of_other_splits_is_not(
@@ -172,16 +168,6 @@ def test_without_matplotlib_only_the_card_is_written(ibdata, plain, carded, tmp_
         "pip install matplotlib, or 'ibdata[plot]'\n"
     )
     assert contents(folder) == expected
-
-
-@slow
-def test_a_dataset_that_cannot_be_carded_stays_as_it_is(copied):
-    before = contents(copied)
-    with locked_part(copied), pytest.raises(BusyError):
-        card(copied)
-    assert contents(copied) == before
-    with pytest.raises(DatasetError, match="no finished dataset here"):
-        card(copied / "meta")
 
 
 @slow

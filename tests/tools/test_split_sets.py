@@ -31,7 +31,7 @@ def members(spec, splits):
     return {name: {e for run in own for e in every[run.first : run.stop]} for name, own in runs.items()}
 
 
-@pytest.mark.parametrize("count", [3, 4, 5, 6, 9, 10])
+@pytest.mark.parametrize("count", [3, 6, 9])
 def test_schemes_hold_out_the_setpoints_that_they_say(count):
     points = np.random.default_rng(count).permutation(101)[:count].astype(float).tolist()
     spec, known = spec_of(points), set(points)
@@ -74,7 +74,7 @@ def drawn(rng, points, n):
     return plain, lambda p, own, i: p in (chosen or points) and own in labels and i in indices
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_splits_that_overlap_equal_their_definitions(seed):
     """Of declared ones, which have files of their own, and of later ones; at any size of a shard."""
     rng, points, n = np.random.default_rng(seed), [10.0, 20.0, 30.0], 8
