@@ -9,7 +9,6 @@ import matplotlib
 import numpy as np
 import pytest
 from helpers import ROOT
-from matplotlib.figure import Figure
 from PIL import Image
 
 import measuring.documents
@@ -44,10 +43,3 @@ def test_the_study_draws_the_shipped_pictures(study, name):
     assert made.shape == shipped.shape
     if matplotlib.__version__ in PINNED:
         assert (abs(made - shipped) > 64).mean() < 0.001
-
-
-def drawn(module):
-    """The axes of a figure, drawn but not rendered."""
-    figure = Figure(layout="constrained")
-    module.draw(figure)
-    return figure.axes
