@@ -50,7 +50,7 @@ def failing(path):
     raise OSError(28, "no room")
 
 
-@pytest.mark.parametrize("to", ["csv", "d4rl", "lerobot", "rllib"])
+@pytest.mark.parametrize("to", ["csv", "lerobot"])
 def test_an_export_is_replaced_only_when_that_is_said(dataset, tmp_path, to, monkeypatch):
     """And stays if the one that is to replace it fails."""
     options = {"split": "target", "history": 2}
@@ -78,7 +78,7 @@ def test_what_a_killed_export_left_is_discarded_by_the_next(dataset, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("to", ["csv", "d4rl", "lerobot", "npz"])
+@pytest.mark.parametrize("to", ["d4rl", "lerobot", "npz"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     done = run(FULL, dataset, to, tmp_path / "a" / "b")
     assert done.returncode == 1
@@ -87,7 +87,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(dataset, tmp_path, to):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("to", ["lerobot", "neorl", "npz"])
+@pytest.mark.parametrize("to", ["lerobot", "npz"])
 def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, monkeypatch):
     """zipfile, which fails to open a file to add to it, empties it, and goes on."""
     split, real, numbers = one_setpoint(to), io.open, count(1)
@@ -150,26 +150,23 @@ USERS = {
 }
 
 
-@pytest.mark.parametrize("name", USERS)
-def test_a_file_that_is_no_export_is_not_replaced(dataset, tmp_path, name):
-    path = tmp_path / name
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(USERS[name])
-    out = path.parent if path.name == "arrays.parquet" else path
-    for to in ("csv", "npz", "rllib"):
-        with pytest.raises(UsageError, match=r"found (no export of ibdata|arrays.parquet, which is not)"):
-            ibdata.export(dataset, to, out, overwrite=True)
-    assert path.read_bytes() == USERS[name]
+def test_a_file_that_is_no_export_is_not_replaced(dataset, tmp_path):
+    for name, data in USERS.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(data)
+        out = path.parent if path.name == "arrays.parquet" else path
+        for to in ("csv", "rllib"):
+            with pytest.raises(UsageError, match=r"found (no export of ibdata|arrays.parquet, which is not)"):
+                ibdata.export(dataset, to, out, overwrite=True)
+        assert path.read_bytes() == data
 
 
-@pytest.mark.parametrize("view", [None, {"observe": "markov"}], ids=str)
 @pytest.mark.parametrize("to", [*(each for each in FORMATS if each != "minari"), "csv.gz"])
-def test_an_export_is_known_as_one(dataset, tmp_path, to, view):
-    needs = {"d4rl": "h5py", "d3rlpy": "h5py"}
-    pytest.importorskip(needs.get(to, "pyarrow"))
+def test_an_export_is_known_as_one(dataset, tmp_path, to):
     to, _, ending = to.partition(".")
     out = tmp_path / {"rllib": "x.parquet"}.get(to, f"x.{ending}")
-    ibdata.export(dataset, to, out, split=one_setpoint(to), view=view)
+    ibdata.export(dataset, to, out, split="target", view={"observe": "markov"})
     assert is_folder_export(out) if to == "lerobot" else is_export(out)
 
 
