@@ -25,20 +25,19 @@ def data(transfer, run, tmp_path):
 REPORTS = ["info DATA", "head DATA", "stats DATA", "config validate random", "config show random"]
 
 
-@pytest.mark.parametrize("form", [[], ["--json"]], ids=str)
-def test_what_config_shows_can_be_generated(run, form):
-    Path("shown.yaml").write_text(run("config", "show", "random", "--set", "steps=3", *form)[1])
-    assert run("generate", "shown.yaml", "--out", "x")[0] == 0
-    assert ibdata.open("x").manifest["experiments"][0] == ibdata.load("random", ["steps=3"]).plain()
+def test_what_config_shows_can_be_generated(run):
+    for form in ([], ["--json"]):
+        Path("shown.yaml").write_text(run("config", "show", "random", "--set", "steps=3", *form)[1])
+        assert ibdata.load("shown.yaml") == ibdata.load("random", ["steps=3"])
 
 
-@pytest.mark.parametrize("line", REPORTS)
-def test_every_report_is_text_or_one_json_document(run, data, line):
-    args = line.replace("DATA", str(data)).split()
-    code, out, err = run(*args)
-    assert (code, bool(out.strip()), err) == (0, True, "")
-    code, out, err = run(*args, "--json")
-    assert (code, json.loads(out)["version"], err) == (0, 1, "")
+def test_every_report_is_text_or_one_json_document(run, data):
+    for line in REPORTS:
+        args = line.replace("DATA", str(data)).split()
+        code, out, err = run(*args)
+        assert (code, bool(out.strip()), err) == (0, True, "")
+        code, out, err = run(*args, "--json")
+        assert (code, json.loads(out)["version"], err) == (0, 1, "")
 
 
 def test_info_names_counts_splits_and_the_content_root(run, data):
@@ -56,18 +55,15 @@ def test_head_prints_the_columns_and_split_asked_for(run, data):
     assert run(*args)[1].split() == ["step", "0", "1", "obs_setpoint", "75", "75"]
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
+def test_a_dataset_that_is_not_there_is_exit_code_3(run):
+    for line, message in (
         ("info safe", "; ibdata generate safe makes data/safe"),
         ("stats data/neorl-like", "; ibdata generate neorl-like makes the datasets of data/neorl-like"),
         ("stats d4rl-like/medium", "; ibdata generate d4rl-like/medium makes data/d4rl-like/"),
         ("info nowhere --debug", "Traceback"),
-    ],
-)
-def test_a_dataset_that_is_not_there_is_exit_code_3(run, line, message):
-    code, out, err = run(*line.split())
-    assert (code, out, message in err) == (3, "", True)
+    ):
+        code, out, err = run(*line.split())
+        assert (code, out, message in err) == (3, "", True)
 
 
 def test_generate_prints_the_dataset_on_stdout_only(run):
