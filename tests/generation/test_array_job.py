@@ -41,18 +41,15 @@ def make(*ranges):
 
 @pytest.fixture
 def interleaved(monkeypatch):
-    """Let something happen when the first shard of a run is begun, or finished."""
+    """Let something happen when the first shard of a run is begun."""
 
-    def arrange(action, after):
+    def arrange(action):
         real, waiting = workers.make_shard, [action]
 
         def making(*args):
-            if after:
-                real(*args)
             if waiting:
                 waiting.pop()()
-            if not after:
-                real(*args)
+            real(*args)
 
         monkeypatch.setattr("ibdata.generation.workers.make_shard", making)
 
@@ -101,7 +98,7 @@ def test_ranges_in_any_order_make_one_dataset(plain, files, monkeypatch):
 
 def test_ranges_that_meet_in_a_shard_both_succeed(plain, files, interleaved):
     others = []
-    interleaved(lambda: others.extend(make("1/1")), after=False)
+    interleaved(lambda: others.extend(make("1/1")))
     assert [one.shards for one in (*make("1/2"), *others)] == [5, 10]
     assert len(list((run_of("out") / "dataset/data").iterdir())) > 10
     ibdata.finalize("out")
@@ -186,7 +183,7 @@ def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):
             with pytest.raises(BusyError, match=r"^out: another process is writing here; wait for it"):
                 call()
 
-    interleaved(lambda: excluded(*wholes), after=True)
+    interleaved(lambda: excluded(*wholes))
     make("1/2")
-    interleaved(lambda: excluded(lambda: make("1/2"), *wholes), after=False)
+    interleaved(lambda: excluded(lambda: make("1/2"), *wholes))
     assert len(ibdata.generate(TEN, "out", workers=1)) == 50

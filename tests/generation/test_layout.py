@@ -20,10 +20,6 @@ def files(folder):
     return {str(path.relative_to(folder)): path for path in folder.rglob("*") if not path.is_dir()}
 
 
-def read(dataset, path):
-    return json.loads((dataset.path / path).read_text())
-
-
 def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
     shards = [shard["path"] for shard in dataset.manifest["shards"]]
     assert len(shards) == len(SHARDS)
@@ -61,7 +57,7 @@ def test_shards_are_whole_episodes_cut_where_splits_begin(dataset, plain_digests
 
 
 def test_info_describes_counts_and_columns(dataset):
-    info = read(dataset, "meta/dataset.json")
+    info = json.loads((dataset.path / "meta/dataset.json").read_text())
     assert list(info) == [
         "format", "version", "name", "dynamics", "drifting", "start", "counts", "columns",
     ]  # fmt: skip
@@ -101,7 +97,7 @@ def test_episodes_parquet_is_what_the_rows_say(either, plain_digests):
 @pytest.mark.parametrize("name", ["dataset", "moving", "large"])
 def test_stats_are_those_of_the_rows(request, name):
     dataset = request.getfixturevalue(name)
-    stats = read(dataset, "meta/statistics.json")
+    stats = json.loads((dataset.path / "meta/statistics.json").read_text())
     assert list(stats["splits"]) == list(dataset.splits)
     for split, described in {None: stats["all"], **stats["splits"]}.items():
         assert described == dataset.statistics(split)

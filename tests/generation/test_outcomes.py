@@ -28,11 +28,6 @@ def of_other_bits():
         begun()
 
 
-def begun_in_vain():
-    begun(OTHER)
-    shutil.rmtree(run_of("out") / "receipts")
-
-
 def dataset(experiment=TINY):
     ibdata.generate(experiment, "out", workers=1)
 
@@ -42,23 +37,8 @@ def with_file(path):
     return lambda: (dataset(), Path("out", path).write_text("mine"))
 
 
-def with_report():
-    return dataset(), Path("out", manifest.REPORT).write_bytes(b"a page")
-
-
 def without(path):
     return lambda: (dataset(), *(file.unlink() for file in Path("out").glob(path)))
-
-
-def foreign():
-    Path("out").mkdir()
-    Path("out/notes.txt").write_text("mine")
-
-
-def linked():
-    dataset()
-    Path("out").rename("elsewhere")
-    Path("out").symlink_to("elsewhere")
 
 
 REPLACE = "out: holds the dataset of another experiment; --overwrite to replace it"
@@ -74,7 +54,7 @@ PARTS = {  # how what is in the part is made
     "mine": begun,
     "of other bits": of_other_bits,
     "another's": lambda: begun(OTHER),
-    "in vain": begun_in_vain,
+    "in vain": lambda: (begun(OTHER), shutil.rmtree(run_of("out") / "receipts")),
 }
 FREE = ("made", "goes on", "beside", "beside", "made")
 PLACES = {  # how what is at the place is made, and the outcomes with each part
@@ -84,9 +64,9 @@ PLACES = {  # how what is at the place is made, and the outcomes with each part
     "another dataset": (lambda: dataset(OTHER), (REPLACE,) * 2),
     "without a shard": (without("data/part-00001-*"), (HALF,) * 2),
     "a file": (lambda: Path("out").write_text("mine"), (FILE,)),
-    "a folder": (foreign, (FOREIGN,)),
-    "a link to it": (linked, ("there",)),
-    "with a report": (with_report, ("there",)),
+    "a folder": (lambda: (Path("out").mkdir(), Path("out/notes.txt").touch()), (FOREIGN,)),
+    "a link to it": (lambda: (dataset(), Path("out").rename("d"), Path("out").symlink_to("d")), ("there",)),
+    "with a report": (with_file(manifest.REPORT), ("there",)),
     "with a note": (with_file("notes.txt"), ("there",)),
     "with another manifest": (with_file(manifest.PATH), (DAMAGED,)),
     "without a manifest": (without(manifest.PATH), (FOREIGN,)),
@@ -132,14 +112,6 @@ def plain(states):
 
 
 @pytest.fixture
-def go_to(states):
-    """A function that puts places and parts into the current folder."""
-    return lambda *names: [
-        shutil.copytree(states / name, ".", symlinks=True, dirs_exist_ok=True) for name in names
-    ]
-
-
-@pytest.fixture
 def made(monkeypatch):
     """The numbers of the shards that are made."""
     numbers, real = [], workers.make_shard
@@ -153,7 +125,6 @@ def made(monkeypatch):
 
 
 def preview(**options):
-    """What a preview says that `generate` would do."""
     try:
         return ibdata.estimate(TINY, "out", **options)["action"]
     except IbdataError as error:
@@ -161,9 +132,10 @@ def preview(**options):
 
 
 @pytest.mark.parametrize(("place", "part", "options", "outcome"), CASES)
-def test_each_state_has_one_outcome(go_to, plain, made, files, capsys, place, part, options, outcome):
+def test_each_state_has_one_outcome(states, plain, made, files, capsys, place, part, options, outcome):
     """A run makes, goes on, begins beside or refuses, as the table and a preview say, and leaves no more."""
-    go_to(place, part)
+    for name in (place, part):
+        shutil.copytree(states / name, ".", symlinks=True, dirs_exist_ok=True)
     before = contents()
     is_range = "shards" in options
     runs = Part(Path("out").absolute()).runs

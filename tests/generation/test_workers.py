@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import time
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,6 @@ import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import workers
-from ibdata.generation.process import Worker
 
 slow = pytest.mark.slow  # a process starts in more than a second
 
@@ -113,13 +111,6 @@ def test_an_error_of_a_worker_reaches_the_caller(own):
         raised.append((type(error.value), str(error.value).replace("episode 3", "episode 2")))
     assert raised[0] == raised[1]
     assert "failing.py" in str(error.value.__cause__)
-
-
-@slow
-def test_a_worker_that_gets_what_cannot_be_unpickled_ends():
-    with closing(Worker(DatasetSpec.of(TINY), Path.cwd())) as worker:
-        worker._pipe.send_bytes(b"junk")
-        assert worker._process.wait(timeout=60) == 1
 
 
 RUN = "import ibdata; ibdata.generate('own.yaml', 'out', workers=2, allow_code=True)"

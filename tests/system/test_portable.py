@@ -156,15 +156,3 @@ def test_names_that_windows_takes_for_others_are_refused_there(name, monkeypatch
         resolved(name)
     monkeypatch.undo()
     assert resolved("contents/.x/..a/a.b c/common").name == "common"
-
-
-def test_the_folder_around_the_process_is_refused(monkeypatch):
-    Path("Inner").mkdir()
-    monkeypatch.chdir("Inner")
-    places = [Path.cwd(), Path.cwd().parent]
-    if Path("../inner").exists():  # in any case of its letters
-        places.append(Path("../inner"))
-    for place in places:
-        with pytest.raises(UsageError, match="is the current folder or around it"):
-            ibdata.generate(TINY, place)
-    assert contents("..") == {str(Path("../Inner")): None}

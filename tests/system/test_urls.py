@@ -12,7 +12,6 @@ from click.testing import CliRunner
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.datasets import four_shards_at
 from helpers.folders import contents
-from pyarrow import PythonFile
 from pyarrow.fs import FileSystem
 
 import ibdata
@@ -154,21 +153,10 @@ class Broken:
         raise RuntimeError("the plug-in failed\nin many lines")
 
 
-class Torn:
-    """A file that can be opened but not read."""
-
-    closed, readable = False, lambda self: True
-    close = flush = lambda self: None
-    seek = tell = size = read = lambda self, *args: Broken(None, "")._raise()
-
-
 BROKEN = {
     "open": ("open_input_file", lambda url: ibdata.open(url)),
-    "read": ("torn", lambda url: ibdata.open(url)),
-    "rows": ("torn rows", lambda url: ibdata.open(url).table()),
     "list": ("get_file_info", lambda url: ibdata.validate(url)),
     "write": ("open_output_stream", lambda url: four_shards_at(f"{url}-new")),
-    "list before writing": ("get_file_info", lambda url: four_shards_at(f"{url}-new")),
 }
 
 
@@ -177,11 +165,6 @@ def test_an_error_of_a_plug_in_is_one_line(url, monkeypatch, method, call):
     four_shards_at(url)
     files, base = FileSystem.from_uri(url)
     broken = Broken(files, method)
-    if method.startswith("torn"):
-        rows = method == "torn rows"
-        broken.open_input_file = lambda path: (
-            PythonFile(Torn(), "r") if path.endswith(".parquet") or not rows else files.open_input_file(path)
-        )
     found = lambda given: (broken, given.removeprefix(url).join([base, ""]))  # noqa: E731
     monkeypatch.setattr(storage, "_file_system", found)
     with pytest.raises(IbdataError, match=r"^file://.*: .*the plug-in failed(;|$)") as error:

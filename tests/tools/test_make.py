@@ -15,7 +15,6 @@ import pytest
 import ibdata
 from ibdata._system.lock import locked
 from ibdata.errors import BusyError, DatasetError, UsageError
-from ibdata.experiment.shipped import full_name, shipped
 from ibdata.tools import make as room
 
 
@@ -73,7 +72,6 @@ def test_a_content_root_may_be_asked_for(cache, monkeypatch):
 def test_the_canonical_roots_are_those_of_the_list():
     assert room.canonical_root("random", ibdata.load("random")).startswith("566ea3f2")
     assert room.canonical_root("random", ibdata.load("random", seed=1)) is None
-    assert full_name("name", "optimized-40", list(shipped())) == "siemens-offline/optimized-40"
     with pytest.raises(UsageError, match=r"found 'randm'; did you mean 'random'"):
         ibdata.make("randm")
 

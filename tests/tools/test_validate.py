@@ -153,8 +153,6 @@ def test_files_and_folders_that_are_not_listed_are_named(copied, shard):
     assert all("that the manifest does not list; move it away" in p.message for p in problems)
 
 
-
-
 def test_a_dataset_that_is_replaced_meanwhile_is_busy(copied, monkeypatch):
     def replacing(*arguments):
         seal(copied, lambda listed: listed.update(versions={"ibdata": "another"}))
