@@ -1,8 +1,4 @@
-"""The dataset does not depend on the time zone, the locale, the hash seed, the umask and memory.
-
-The clock cannot be changed without rights over the machine. But no file holds a time, because runs at
-different times give equal files here.
-"""
+"""The dataset does not depend on the time zone, the locale, the hash seed and the umask."""
 
 import os
 

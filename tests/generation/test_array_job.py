@@ -20,7 +20,6 @@ from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import workers
 from ibdata.generation.build import Build
 from ibdata.generation.generate import PartMade, Range
-from ibdata.tools.listing import datasets_in
 
 SHARDS = DatasetSpec.of(TEN).shards
 
@@ -157,21 +156,6 @@ def test_of_hosts_with_other_bits_that_begin_at_the_same_moment_one_is_refused(t
     refused, made = sorted(together(TEN, TEN), key=lambda answer: isinstance(answer, PartMade))
     assert str(refused).startswith("out: holds an unfinished run of a machine that computes other bits; run")
     assert (made.shards, len(Part(Path("out")).runs)) == (5, 1)
-
-
-def test_two_array_jobs_of_different_experiments_share_a_part(plain, files, together, capsys):
-    """The one that is finalized is that worked on last; it removes the other."""
-    other = TEN.model_copy(update={"seed": 1})
-    assert [made.missing for made in together(other, TEN)] == [5, 5]
-    listed = [(each.path.name, each.state) for each in datasets_in(".")]
-    assert listed == [("out", "unfinished, 5 of 10 shards")] * 2
-    capsys.readouterr()
-    make("1/2")
-    assert ibdata.finalize("out").content_root == plain.content_root
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 2
-    assert all(": an unfinished run of another experiment stays in " in line for line in said)
-    assert is_right("out", plain.path, files)
 
 
 def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):

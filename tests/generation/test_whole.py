@@ -2,21 +2,18 @@
 
 import shutil
 from pathlib import Path
-from unittest.mock import Mock
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.datasets import four_shards_at
 from helpers.folders import contents, is_right, part_of, run_of
 
 import ibdata
 from ibdata import IbdataError
-from ibdata._system.storage import Remote
 from ibdata.dataset.models import Code
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import shard as shard_writing
-from ibdata.generation import upload, workers
+from ibdata.generation import workers
 from ibdata.generation.record import Record
 
 
@@ -118,33 +115,3 @@ def test_a_run_goes_on_with_the_same_code_only():
     one, other = (Record.of(DatasetSpec.of(TINY), code=[code], reproducible=True) for code in codes)
     assert one.difference(one) is None
     assert one.difference(other) == "with other code, in helper.py"
-
-
-def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, tiny, files):
-    monkeypatch.chdir(tmp_path)
-    url = f"{tmp_path.as_uri()}/there"
-    monkeypatch.setattr(upload, "work_folder", lambda url, e: tmp_path / "cache/dataset")
-    with monkeypatch.context() as broken:
-        broken.setattr(Remote, "put", Mock(side_effect=OSError(5, "lost")))
-        with pytest.raises(IbdataError, match="the same command tries again"):
-            four_shards_at(url)
-    next(Path("cache/dataset/data").iterdir()).unlink()
-    four_shards_at(url)
-    assert files("there") == files(tiny[0].path)
-
-
-def test_a_dataset_that_is_not_whole_is_not_already_there(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    url = f"{tmp_path.as_uri()}/there"
-    four_shards_at(url)
-    next(Path("there/data").glob("part-00002-*")).unlink()
-    for call in (
-        lambda: four_shards_at(url),
-        lambda: four_shards_at("there"),
-        lambda: four_shards_at("there", shards="1/2"),
-        lambda: ibdata.finalize("there"),
-    ):
-        with pytest.raises(DatasetError, match=r"there/data/part-00002-.*: missing or not whole, but"):
-            call()
-    assert ibdata.repair("there") != []
-    assert four_shards_at(url).content_root == four_shards_at("there").content_root

@@ -36,10 +36,6 @@ def conditions(dataset, name):
 
 
 CASES = {
-    "transfer": (
-        {"by": "setpoint", "source": [50], "target": [75]},
-        {"source": ({50.0}, BOTH, ALL), "target": ({75.0}, BOTH, ALL)},
-    ),
     "shots": (
         {"by": "setpoint", "source": [50, 30], "target": [75], "shots": 2},
         {"source": ({30.0, 50.0}, BOTH, ALL), "target": ({75.0}, BOTH, {0, 1}),
