@@ -21,7 +21,6 @@ from ibdata.errors import DatasetError, IbdataError
 from ibdata.exporters._source import Source
 
 VIEWS = {
-    "plain": (1, {}),
     "markov": (4, {"observe": "markov", "actions": True, "reward": {"consumption": 1, "fatigue": 1}}),
     "troubles": (
         3,
@@ -49,7 +48,7 @@ def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history
         "target",
         dataset.content_root,
     )
-    assert found["reward"] == view.get("reward", "classic")
+    assert found["reward"] == view["reward"]
     assert ("episodes" in found) == bool(found["imperfections"])
     assert found["imperfections"].get("delay") == view.get("imperfections", {}).get("delay")
 
@@ -68,6 +67,7 @@ def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
 def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to):
     out = tmp_path / "new" / "folder" / "made"
     made = ibdata.export(dataset, to, out, split=one_setpoint(to), view={"reward_scale": 0.5})
+    holds(made, dataset, one_setpoint(to), made.history, view={"reward_scale": 0.5})
     assert made.reward_scale == 0.5
     assert (made.rows, made.episodes) == ((160, 4) if to == "neorl" else (480, 12))
     assert made.history == (30 if to == "neorl" else 1)

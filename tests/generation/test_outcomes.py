@@ -60,7 +60,7 @@ FREE = ("made", "goes on", "beside", "beside", "made")
 PLACES = {  # how what is at the place is made, and the outcomes with each part
     "nothing": (lambda: None, FREE),
     "an empty folder": (lambda: Path("out").mkdir(), FREE[:2]),
-    "the dataset": (dataset, ("there",) * 5),
+    "the dataset": (dataset, ("there",) * 2),
     "another dataset": (lambda: dataset(OTHER), (REPLACE,) * 2),
     "without a shard": (without("data/part-00001-*"), (HALF,) * 2),
     "a file": (lambda: Path("out").write_text("mine"), (FILE,)),

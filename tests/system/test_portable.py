@@ -28,6 +28,7 @@ def _here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_command_makes_the_paper_s_batch_with_its_root(ibdata):
     """In a console with an old code page, which has few letters."""
     env = {**os.environ, "PYTHONUTF8": "0", "PYTHONIOENCODING": "cp1252"}
@@ -124,6 +125,7 @@ def test_a_dataset_is_replaced_while_it_is_read_and_while_a_file_of_it_is_open(t
     assert list(Path().iterdir()) == [Path("out")]
 
 
+@pytest.mark.slow
 def test_what_is_made_of_datasets(tiny):
     """Splits, a merge, copies, exports and a repair."""
     merged = ibdata.merge([each.path for each in tiny], "merged")
