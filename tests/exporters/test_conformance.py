@@ -1,4 +1,4 @@
-"""Rules for every format: exports hold every value, say what they show, and refuse invalid arguments."""
+"""Exports hold every value, say what they show, refuse invalid arguments, and are read as each format is."""
 
 import json
 import sys
@@ -17,7 +17,8 @@ from exporters.reading import equal, hdf5, holds, one_setpoint
 import ibdata
 from ibdata.cli import cli
 from ibdata.dataset.stored import Stored
-from ibdata.errors import DatasetError, IbdataError
+from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.exporters import neorl
 from ibdata.exporters._source import Source
 
 VIEWS = {
@@ -154,3 +155,68 @@ def test_rows_without_a_next_frame_are_left_out_and_counted(tmp_path, to):
     made = ibdata.export(dataset, to, tmp_path / "made", history=2, view={"observe": "markov"})
     assert (made.rows, made.episodes, made.left_out) == (32, 4, 4)
     holds(made, dataset, history=2, view={"observe": "markov"})
+
+
+def test_neorls_loader_finds_the_trajectories(dataset, tmp_path):
+    """By the rules of its loader: a 0 in front of index, then the rows before index[num]."""
+    made = ibdata.export(dataset, "neorl", tmp_path / "made", split="target")
+    data = dict(np.load(made.path))
+    assert set(data) == {"obs", "next_obs", "action", "reward", "done", "index"}
+    assert data["obs"].shape == data["next_obs"].shape == (160, 180)
+    assert data["reward"].shape == data["done"].shape == (160, 1)
+    index = np.insert(data["index"], 0, 0)
+    assert index[:4].tolist() == [0, 40, 80, 120]
+    for num in (1, 4):
+        samples = {key: array[: int(index[num])] for key, array in data.items() if key != "index"}
+        assert all(len(array) == 40 * num for array in samples.values())
+        assert samples["done"][-1] == 1
+
+
+def test_neorl_has_one_setpoint_and_rows_that_float32_can_count(dataset, tmp_path, monkeypatch):
+    with pytest.raises(UsageError, match="neorl: found the setpoints 20, 70, expected one setpoint; use"):
+        ibdata.export(dataset, "neorl", tmp_path / "made")
+    assert neorl.MAX_ROWS <= 2**24
+    monkeypatch.setattr(neorl, "MAX_ROWS", 159)
+    with pytest.raises(UsageError, match="neorl: found 160 rows, expected at most 159"):
+        ibdata.export(dataset, "neorl", tmp_path / "made", split="target")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("name", "dtype"), [("made.csv", "float32"), ("made.csv.gz", "float64")])
+def test_csv_gives_every_float_again_with_its_history(dataset, tmp_path, name, dtype):
+    if dtype == "float32":
+        changes = ["setpoints=70", "steps=60"]
+        dataset = ibdata.generate("random.yaml", tmp_path / "data", overrides=changes, workers=1)
+    options = {"history": 3, "view": {"reward_scale": 0.01}} if dtype == "float32" else {}
+    made = ibdata.export(dataset, "csv", tmp_path / name, **options)
+    found, expected = pd.read_csv(made.path, engine="pyarrow"), dataset.to_pandas()
+    older = [f"_lag_{lag}" for lag in range(1, made.history)]
+    lags = [f"{prefix}{name}{lag}" for prefix in ("", "next_") for lag in older for name in made.frame]
+    assert list(found.columns) == [*expected.columns, *lags]
+    changed = ["reward"] if options else []
+    for column in expected.columns.drop(["policy", *changed]):
+        equal(found[column].astype(expected[column].dtype), expected[column])
+    assert found["policy"].tolist() == expected["policy"].tolist()
+
+
+def test_the_snippet_of_csv_reads_labels_as_they_are(tmp_path):
+    labels = ["nan", "007", "true", "1e5", "2020-01-01"]
+    policies = [
+        {"kind": "constant", "action": [0, i / 8, 0], "name": label} for i, label in enumerate(labels)
+    ]
+    experiment = {"name": "x", "setpoints": 70, "policies": policies, "steps": 3}
+    dataset = ibdata.generate(experiment, tmp_path / "data", workers=1)
+    names, expected = {}, dataset.to_pandas()
+    for history in (1, 2):
+        exec(ibdata.export(dataset, "csv", tmp_path / f"{history}.csv", history=history).snippet, names)
+        assert names["data"]["policy"].tolist() == expected["policy"].tolist()
+        for column in expected.columns.drop("policy"):
+            equal(names["data"][column].astype(expected[column].dtype), expected[column])
+
+
+@pytest.mark.parametrize(("form", "reward"), [("npz", "rewards"), ("d4rl", "rewards"), ("neorl", "reward")])
+def test_the_snippets_of_files_run(dataset, tmp_path, form, reward):
+    names = {}
+    exec(ibdata.export(dataset, form, tmp_path / form, split="target").snippet, names)
+    assert len(names["data"][reward]) == 160
+    assert form != "neorl" or names["data"]["index"].tolist() == [0, 40, 80, 120]

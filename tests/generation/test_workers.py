@@ -1,4 +1,6 @@
-"""Threads and worker processes make the files of one, and end with the run whatever happens."""
+"""Threads, worker processes and those of Ray make the files of one, and end with the run whatever happens."""
+
+from __future__ import annotations
 
 import json
 import os
@@ -14,8 +16,10 @@ from helpers.folders import contents, part_of, receipts
 
 import ibdata
 from ibdata import Experiment, IbdataError
+from ibdata.experiment import load
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation import workers
+from ibdata.generation import ray, workers
+from ibdata.generation.process import WorkerTask
 
 slow = pytest.mark.slow  # a process starts in more than a second
 
@@ -162,3 +166,16 @@ def test_files_in_the_folder_of_a_dataset_do_not_run(tiny, tmp_path):
     child = python(tmp_path / "script.py", cwd=made)
     assert child.returncode == 0, child.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "script.py", "theirs"]
+
+
+def test_another_run_at_the_same_place_is_another_run(tmp_path, monkeypatch):
+    seeds = []
+    monkeypatch.setattr(ray, "agree", lambda spec, root: None)
+    monkeypatch.setattr(ray, "make_shard", lambda spec, *rest: seeds.append(spec.experiments[0].seed))
+    monkeypatch.setattr("ibdata._system.processes.purpose", "test")
+    for seed in (1, 2, 2):
+        plain = {"name": "x", "setpoints": 70, "policies": ["random"], "steps": 2, "seed": seed}
+        spec = DatasetSpec.of(load(plain))
+        task = WorkerTask.of(spec, tmp_path, tmp_path)
+        ray._work(task, spec.shards[0])
+    assert seeds == [1, 2, 2]
