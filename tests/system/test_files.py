@@ -1,17 +1,13 @@
-"""Files written whole or not at all, the folders of the cache, and the files that macOS leaves beside others."""
+"""Files written whole or not at all, the folders of the cache, and files that macOS leaves beside others."""
 
 import os
-import shutil
 import tempfile
 from pathlib import Path
 
 import pytest
-from helpers.folders import contents, litter
 
-import ibdata
 from ibdata._system.cache_folders import cache_folders
 from ibdata._system.files import paths_in, write
-from ibdata.tools.listing import datasets_in
 
 
 @pytest.mark.parametrize(("module", "failing"), [(os, "fsync"), (Path, "replace")])
@@ -73,13 +69,3 @@ def test_only_its_files_are_passed_over(tmp_path):
         (tmp_path / name).write_text("")
     (tmp_path / "._folder").mkdir()
     assert [path.name for path in paths_in(tmp_path)] == ["._folder", ".a", "_a", "a"]
-
-
-def test_a_dataset_is_whole(tiny, tmp_path):
-    litter(littered := Path(shutil.copytree(tiny[0].path, tmp_path / "set/littered")))
-    before = contents(littered)
-    assert ibdata.validate(littered) == ibdata.validate(littered, quick=True) == []
-    assert ibdata.repair(littered, workers=1) == []
-    assert ibdata.validate(littered.as_uri()) == []
-    assert contents(littered) == before
-    assert [listed.state for listed in datasets_in(littered.parent)] == ["finished"]
