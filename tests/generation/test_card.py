@@ -1,4 +1,4 @@
-"""The card and meta/croissant.json follow from the experiments and the manifest; bridges/readers reads both."""
+"""The card and meta/croissant.json follow from experiments and manifest; bridges/readers reads both."""
 
 import json
 from pathlib import Path
