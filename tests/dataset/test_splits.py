@@ -41,17 +41,6 @@ def test_later_splits_follow_the_declared_ones(split, dataset):
     assert [list(names) for names in split.episodes["splits"]] == expected
 
 
-def test_a_later_split_holds_its_episodes_and_no_others(split):
-    rows = split.to_pandas()
-    expected = rows[rows["episode"].isin([1, 4, 5])]["reward"].tolist()
-    assert split.to_pandas(split="odd")["reward"].tolist() == expected
-    assert split.arrays(split="odd")["rewards"].tolist() == expected
-    batches = list(split.iter_batches(["reward"], "odd", 7))
-    assert [x for batch in batches for x in batch["reward"].to_pylist()] == expected
-    assert split.table(["episode"], "odd", setpoint=70)["episode"].unique().to_pylist() == [4, 5]
-    assert len(split.windows(split="odd")) == 120
-
-
 @pytest.mark.parametrize("most", [10**6, 20], ids=["all rows", "a sample"])
 def test_the_statistics_of_a_later_split_are_those_of_its_rows(split, monkeypatch, most):
     monkeypatch.setattr(statistics, "SAMPLE_ROWS", most)

@@ -105,18 +105,6 @@ def test_a_killed_worker_ends_the_run_with_advice(own):
     assert ibdata.validate(made.path) == []
 
 
-@slow
-def test_an_error_of_a_worker_reaches_the_caller(own):
-    """With its own type and message, as without workers, and its traceback."""
-    raised = []
-    for number in (1, 2):
-        with pytest.raises(IbdataError, match=r"RuntimeError: stopped") as error:
-            own("raise RuntimeError('stopped')", workers=number, overwrite=True)
-        raised.append((type(error.value), str(error.value).replace("episode 3", "episode 2")))
-    assert raised[0] == raised[1]
-    assert "failing.py" in str(error.value.__cause__)
-
-
 RUN = "import ibdata; ibdata.generate('own.yaml', 'out', workers=2, allow_code=True)"
 
 

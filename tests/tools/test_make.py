@@ -49,13 +49,6 @@ def test_a_set_is_made_once_and_then_opened(cache, capsys):
     assert sorted(path.name for path in cache.glob("[!.]*")) == ["random", "random-seed-1"]
 
 
-def test_other_content_in_the_cache_is_made_again(cache):
-    for name, seed in (("random", None), ("random-seed-1", 1)):
-        ibdata.generate(ibdata.load("random", {"steps": 3}, seed), cache / name)
-        _, train, _ = ibdata.make("random", seed=seed)
-        assert len(train["rewards"]) == 40
-
-
 def test_a_content_root_may_be_asked_for(cache, monkeypatch):
     root = room.canonical_root("random", ibdata.load("random"))
     with pytest.raises(UsageError, match=f"but the content root is {root}: leave @"):
@@ -110,6 +103,7 @@ DAMAGES = [
     ("meta/splits.json", Path.unlink),
     ("data", lambda path: (path / "x.parquet").write_text("")),
     ("", lambda path: (shutil.rmtree(path), path.write_text(""))),
+    ("", lambda path: ibdata.generate(ibdata.load("random", {"steps": 3}), path, overwrite=True)),
 ]
 
 
@@ -120,6 +114,8 @@ def test_a_damaged_set_in_the_cache_is_made_again(cache):
         _, again, _ = ibdata.make("random")
         assert np.array_equal(again["observations"], train["observations"])
     assert ibdata.validate(cache / "random") == []
+    ibdata.generate(ibdata.load("random", {"steps": 3}, 1), cache / "random-seed-1")
+    assert len(ibdata.make("random", seed=1)[1]["rewards"]) == 40
 
 
 def test_the_declared_test_episodes_of_a_shipped_set_are_never_used(tmp_path):
