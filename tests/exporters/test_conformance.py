@@ -182,23 +182,6 @@ def test_neorl_has_one_setpoint_and_rows_that_float32_can_count(dataset, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("name", "dtype"), [("made.csv", "float32"), ("made.csv.gz", "float64")])
-def test_csv_gives_every_float_again_with_its_history(dataset, tmp_path, name, dtype):
-    if dtype == "float32":
-        changes = ["setpoints=70", "steps=60"]
-        dataset = ibdata.generate("random.yaml", tmp_path / "data", overrides=changes, workers=1)
-    options = {"history": 3, "view": {"reward_scale": 0.01}} if dtype == "float32" else {}
-    made = ibdata.export(dataset, "csv", tmp_path / name, **options)
-    found, expected = pd.read_csv(made.path, engine="pyarrow"), dataset.to_pandas()
-    older = [f"_lag_{lag}" for lag in range(1, made.history)]
-    lags = [f"{prefix}{name}{lag}" for prefix in ("", "next_") for lag in older for name in made.frame]
-    assert list(found.columns) == [*expected.columns, *lags]
-    changed = ["reward"] if options else []
-    for column in expected.columns.drop(["policy", *changed]):
-        equal(found[column].astype(expected[column].dtype), expected[column])
-    assert found["policy"].tolist() == expected["policy"].tolist()
-
-
 def test_the_snippet_of_csv_reads_labels_as_they_are(tmp_path):
     labels = ["nan", "007", "true", "1e5", "2020-01-01"]
     policies = [
