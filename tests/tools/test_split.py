@@ -152,7 +152,7 @@ def test_what_cannot_be_meant_is_refused(made):
     assert contents(made.path) == before
 
 
-def test_several_schemes_live_together_under_names_of_their_own(made_at, made, tmp_path):
+def test_several_schemes_live_together_under_names_of_their_own(made, tmp_path):
     ibdata.split(made.path, "setpoint", source=[50], target=[75], shots=2, prefix="near")
     at = {"source": "at-50", "target": "at-90"}
     ibdata.split(made.path, "setpoint", source=[50], target=[90], names=at)
@@ -161,16 +161,10 @@ def test_several_schemes_live_together_under_names_of_their_own(made_at, made, t
     assert list(split.splits) == names
     assert conditions(split, "near-target") == ({75.0}, BOTH, {0, 1})
     assert conditions(split, "last") == (SETPOINTS, BOTH, {3, 4})
-    other = made_at({**MANY, "seed": 1}, tmp_path / "other")
-    merged = ibdata.merge([made.path, other.path], tmp_path / "both")
-    assert list(merged.splits) == names
-    assert merged.splits["near-target"]["episodes"] == 4
-    assert merged.splits["near-target"]["declared"]
     ibdata.split(made.path, remove=["at-50", "at-90", "last"])
     copy = ibdata.split(made.path, materialize=tmp_path / "copy")
     assert list(copy.splits) == ["low", "near-source", "near-target", "near-target-rest", "x-train"]
-    for folder in (merged.path, copy.path):
-        assert ibdata.validate(folder) == []
+    assert ibdata.validate(copy.path) == []
 
 
 def test_splits_that_were_made_meanwhile_are_not_lost(made, monkeypatch):
