@@ -92,13 +92,12 @@ def test_overwriting_names_what_is_not_the_dataset_s():
         path.rmdir() if name.endswith("/") else path.unlink()
 
 
-def test_a_folder_that_ibdata_did_not_make_is_no_part_of_a_run():
-    Path(".new.part").mkdir()
-    Path(".new.part/mine").write_text("mine")
+@pytest.mark.parametrize("name", [".new.part", ".new.part/mine"])
+def test_what_ibdata_did_not_make_is_no_part_of_a_run(name):
+    Path(name).parent.mkdir(exist_ok=True)
+    Path(name).write_text("mine")
     before = contents()
     for write in WRITERS.values():
-        with pytest.raises(
-            UsageError, match=r"\.new\.part: found what ibdata did not make, .*; move it away"
-        ):
+        with pytest.raises(UsageError, match=r"\.new\.part: found what ibdata did not make, .*; move it"):
             write("new")
     assert contents() == before

@@ -82,6 +82,13 @@ def test_a_broken_upload_is_repeated(url, monkeypatch, is_whole, puts, capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_what_was_lost_before_its_upload_is_made_again(url, cache, monkeypatch, is_whole):
+    interrupted(monkeypatch, url, 0)
+    next(cache.glob("*/dataset/data/*")).unlink()
+    four_shards_at(url)
+    assert is_whole()
+
+
 def test_other_files_are_named_and_left_alone(url, monkeypatch):
     interrupted(monkeypatch, url, 4)
     Path("there/data/own.parquet").write_text("mine")

@@ -157,6 +157,7 @@ BROKEN = {
     "open": ("open_input_file", lambda url: ibdata.open(url)),
     "list": ("get_file_info", lambda url: ibdata.validate(url)),
     "write": ("open_output_stream", lambda url: four_shards_at(f"{url}-new")),
+    "list before writing": ("get_file_info", lambda url: four_shards_at(f"{url}-new")),
 }
 
 
