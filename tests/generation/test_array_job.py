@@ -10,6 +10,7 @@ from helpers.datasets import TEN_SHARDS as TEN
 from helpers.folders import contents, is_right, part_of, run_of
 
 import ibdata
+from ibdata import IbdataError
 from ibdata._system import part as parts
 from ibdata._system.part import Part
 from ibdata.cli import main
@@ -101,6 +102,19 @@ def test_ranges_that_meet_in_a_shard_both_succeed(plain, files, interleaved):
     assert len(list((run_of("out") / "dataset/data").iterdir())) > 10
     ibdata.finalize("out")
     assert is_right("out", plain.path, files)
+
+
+def test_missing_and_damaged_shards_are_named(shard_file):
+    make("1/3")
+    folder = run_of("out") / "dataset"
+    shard = folder / shard_file(folder, 1)
+    shard.write_bytes(bytes(shard.stat().st_size))
+    before = contents()
+    with pytest.raises(IbdataError, match=r"^out: 8 of 10 shards are missing or damaged: 1, 3, 4, .*; run"):
+        ibdata.finalize("out")
+    assert contents() == before
+    make("1/3", "2/3", "3/3")
+    assert ibdata.validate(ibdata.finalize("out").path) == []
 
 
 @pytest.fixture

@@ -166,6 +166,7 @@ MIXTURE = {"kind": "mixture", "bases": [UP, "safe", DOWN], "weights": [2, 1, 1],
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     plain = {"name": "mixed", "setpoints": [20, 70], "steps": 3, "episodes": 20, "seed": 3}
+    plain["output"] = {"shard_rows": 30}
     return ibdata.generate({**plain, "policies": ["random", MIXTURE]}, tmp_path_factory.mktemp("a") / "mixed")
 
 
