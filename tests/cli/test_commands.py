@@ -1,4 +1,4 @@
-"""What `ibdata generate`, `evaluate`, `info`, `head`, `stats` and `diff` print, as text and as JSON."""
+"""What commands print, as text and as JSON."""
 
 import json
 import shutil
@@ -25,20 +25,19 @@ def data(transfer, run, tmp_path):
 REPORTS = ["info DATA", "head DATA", "stats DATA", "config validate random", "config show random"]
 
 
-@pytest.mark.parametrize("form", [[], ["--json"]], ids=str)
-def test_what_config_shows_can_be_generated(run, form):
-    Path("shown.yaml").write_text(run("config", "show", "random", "--set", "steps=3", *form)[1])
-    assert run("generate", "shown.yaml", "--out", "x")[0] == 0
-    assert ibdata.open("x").manifest["experiments"][0] == ibdata.load("random", ["steps=3"]).plain()
+def test_what_config_shows_can_be_generated(run):
+    for form in ([], ["--json"]):
+        Path("shown.yaml").write_text(run("config", "show", "random", "--set", "steps=3", *form)[1])
+        assert ibdata.load("shown.yaml") == ibdata.load("random", ["steps=3"])
 
 
-@pytest.mark.parametrize("line", REPORTS)
-def test_every_report_is_text_or_one_json_document(run, data, line):
-    args = line.replace("DATA", str(data)).split()
-    code, out, err = run(*args)
-    assert (code, bool(out.strip()), err) == (0, True, "")
-    code, out, err = run(*args, "--json")
-    assert (code, json.loads(out)["version"], err) == (0, 1, "")
+def test_every_report_is_text_or_one_json_document(run, data):
+    for line in REPORTS:
+        args = line.replace("DATA", str(data)).split()
+        code, out, err = run(*args)
+        assert (code, bool(out.strip()), err) == (0, True, "")
+        code, out, err = run(*args, "--json")
+        assert (code, json.loads(out)["version"], err) == (0, 1, "")
 
 
 def test_info_names_counts_splits_and_the_content_root(run, data):
@@ -56,18 +55,15 @@ def test_head_prints_the_columns_and_split_asked_for(run, data):
     assert run(*args)[1].split() == ["step", "0", "1", "obs_setpoint", "75", "75"]
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
+def test_a_dataset_that_is_not_there_is_exit_code_3(run):
+    for line, message in (
         ("info safe", "; ibdata generate safe makes data/safe"),
         ("stats data/neorl-like", "; ibdata generate neorl-like makes the datasets of data/neorl-like"),
         ("stats d4rl-like/medium", "; ibdata generate d4rl-like/medium makes data/d4rl-like/"),
         ("info nowhere --debug", "Traceback"),
-    ],
-)
-def test_a_dataset_that_is_not_there_is_exit_code_3(run, line, message):
-    code, out, err = run(*line.split())
-    assert (code, out, message in err) == (3, "", True)
+    ):
+        code, out, err = run(*line.split())
+        assert (code, out, message in err) == (3, "", True)
 
 
 def test_generate_prints_the_dataset_on_stdout_only(run):
@@ -136,3 +132,48 @@ def test_evaluate_prints_results_differences_and_the_scale(run):
     lines = run("evaluate", "optimized", *places, *FEW)[1].splitlines()
     assert lines[0].split() == [name for name in COLUMNS if name not in HIDDEN]
     assert [line.split()[1] for line in lines[1:5]] == ["70.0000000", "50.0000001", "50.0000002", "all"]
+
+
+PLAIN = {
+    "name": "tiny",
+    "setpoints": [20.0, 50.0, 70.0],
+    "policies": [{"kind": "random"}, {"kind": "safe"}],
+    "episodes": 2,
+    "steps": 3,
+    "splits": {"low": {"setpoint": 20}},
+}
+
+
+@pytest.fixture
+def made(made_at, tmp_path):
+    made_at(PLAIN, tmp_path / "d")
+
+
+def test_what_is_replaced_or_removed_is_said(made, run):
+    few = ("split", "d", "--by", "setpoint", "--source", "50", "--target", "70", "--prefix", "few")
+    assert run(*few, "--shots", "1") == (
+        0,
+        "low              12 rows in 4 episodes (whole files)\n"
+        "few-source       12 rows in 4 episodes (labels)\n"
+        "few-target       6 rows in 2 episodes (labels)\n"
+        "few-target-rest  6 rows in 2 episodes (labels)\n",
+        "",
+    )
+    ibdata.split("d", by="policy", names={"safe": "careful"})
+    assert run(*few, "--remove", "random")[1].splitlines()[:3] == [
+        "removed the split few-target-rest",
+        "removed the split random",
+        "replaced the split few-target; --prefix or --name keeps both",
+    ]
+    taken = json.loads(run("split", "d", "--remove", "careful", "--json")[1])["taken_away"]
+    assert taken == {"removed": ["careful"]}
+
+
+def test_the_list_changes_nothing_and_takes_no_other_option(made, run):
+    before = ibdata.open("d").stored.splits
+    assert run("split", "d", "--list")[:2] == (0, "low  12 rows in 4 episodes (whole files)\n")
+    code, out, err = run("split", "d", "--list", "--shots", "1")
+    assert (code, out) == (2, "")
+    assert "--list changes nothing, but found --shots too" in err
+    assert ibdata.open("d").stored.splits == before
+    assert "expected two names such as source=at-50" in run("split", "d", "--by", "policy", "--name", "x")[2]

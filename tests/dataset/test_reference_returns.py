@@ -43,10 +43,6 @@ def row(settings, policy, setpoint):
     return next(r for r in scale(**settings).results if (r.policy, r.setpoint) == (policy, setpoint))
 
 
-def points(settings):
-    return FIRST_VALUES if "drifting" in settings else SETPOINTS
-
-
 def played(settings, policy, setpoint, **options):
     """The result of an evaluation with the settings of a scale."""
     options |= {name: value for name, value in settings.items() if name != "drifting"}
@@ -65,18 +61,11 @@ def test_the_file_has_these_scales_and_no_others():
     ("settings", "policy", "setpoint"),
     [
         (SETTINGS[0], "optimized", 70.0),
-        (SETTINGS[3], "expert", 85.0),
         ({**SETTINGS[1], "start": BURN_IN}, "expert", 50.0),
-        ({**SETTINGS[1], "start": "uniform"}, "optimized", 5.0),
-        (MOVING[0], "safe", 10.0),
         (MOVING[3], "expert", 90.0),
     ],
 )
 def test_the_file_is_as_measured(settings, policy, setpoint):
-    as_stored(settings, policy, setpoint)
-
-
-def as_stored(settings, policy, setpoint):
     stored = row(settings, policy, setpoint)
     again = played(settings, policy, setpoint, episodes=scale(**settings).episodes)
     for name in ("mean_return", "standard_error", "p10", "mean_reward", "interval"):
@@ -86,7 +75,7 @@ def as_stored(settings, policy, setpoint):
 @settings
 def test_the_ends_of_every_scale_are_0_and_100(settings):
     """And the expert is better than optimized at every setpoint."""
-    made, setpoints = scale(**settings), points(settings)
+    made, setpoints = scale(**settings), FIRST_VALUES if "drifting" in settings else SETPOINTS
     for setpoint in setpoints:
         rows = [row(settings, policy, setpoint) for policy in ENDS]
         low, high, best = (r.mean_return for r in rows)
@@ -110,20 +99,6 @@ def test_the_pages_show_the_returns_of_the_file():
     assert measured(evaluation).strip() == STUDY.rewards(stored_scales())
     assert measured(setpoints, "measured, apart").strip() == STUDY.apart(stored_scales())
     assert reference().made_by == "studies/reference-returns"
-
-
-def test_the_text_about_published_returns_agrees_with_them():
-    ours, theirs = STUDY.returns(stored_scales(), STUDY.APART), STUDY.published()
-    assert list(theirs) == SETPOINTS
-    far = {p for p in SETPOINTS if abs(ours["random", p].mean_return / 100 - theirs[p]["random"]) > 13.0}
-    assert far == {95.0, 35.0, 55.0}
-    above = [ours["expert", p].mean_return / 100 - theirs[p]["expert"] for p in SETPOINTS]
-    assert [f"{x:.1f}" for x in (min(above), max(above))] == ["9.8", "48.2"]
-    text = (ROOT / "docs/setpoints.md").read_text(encoding="utf-8")
-    for p in far:
-        both = f"{theirs[p]['random']:.1f}, ours {STUDY.shown(STUDY.hundredth(ours['random', p]))}"
-        assert both.replace("-", "−") in text
-    assert "by 9.8 to 48.2" in text
 
 
 def moving_rows(table):
@@ -154,24 +129,6 @@ def test_the_page_shows_the_rewards_of_moving_setpoints(episodes, seed, errors):
         assert 2 * allowed < 0.09 * abs(mean)
 
 
-def test_the_text_about_moving_setpoints_agrees_with_the_table():
-    text, page = moving_page()
-    best = ["expert", "optimized", "zero", "safe"]
-    orders = {"siemens": [*best, "mediocre", "random"], "paper": [*best, "random", "mediocre"]}
-    for dynamics, order in orders.items():
-        for column in range(3):
-            means = [page[dynamics, policy][column][0] for policy in order]
-            assert means == sorted(means, reverse=True)
-        for policy in order:
-            (moved, error), _, (still, other) = page[dynamics, policy]
-            cost, scatter = still - moved, math.hypot(error, other)
-            if policy in ("expert", "optimized"):
-                assert f"{cost:.1f} ± {scatter:.1f}" in text
-            else:
-                assert cost < 3 * scatter
-                assert abs(cost) < 2.5
-
-
 def made_up(low, high, error):
     rows = [
         Measured(policy, p, x, error, [x - error, x + error], x, x)
@@ -192,18 +149,15 @@ def test_a_score_needs_ends_that_are_five_standard_errors_apart():
     assert made_up(-120.0, -105.5, 3.0).ends([60.0, 70.0]) is None
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
+def test_only_equal_things_are_compared():
+    for changes in (
         {"start": {"burn_in": [1, 2]}},
         {"discount": 1.0},
         {"dynamics": {"base": "siemens"}},
         {"start": "uniform", "drifting": True},
         {"steps": 250, "discount": 1.0, "drifting": True},
-    ],
-)
-def test_only_equal_things_are_compared(changes):
-    assert scale(**{**SETTINGS[0], **changes}) is None
+    ):
+        assert scale(**{**SETTINGS[0], **changes}) is None
 
 
 def test_moving_setpoints_and_constant_ones_are_told_apart():

@@ -72,15 +72,15 @@ def test_previous_actions_are_of_the_row_before_or_zero(whole):
     assert (frames[~begun][:, :, 6:] == 0).all()
 
 
-VIEWS = {
-    "markov": {"observe": "markov", "actions": True},
-    "troubles": {"imperfections": TROUBLES, "reward": "delta"},
-    "list": {"observe": ["latent_mu_v", "obs_gain"], "reward": {"fatigue": 1}},
-}
-
-
-@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
-@pytest.mark.parametrize(("which", "selection"), [("without", {}), ("whole", {"policy": "safe"})])
+@pytest.mark.parametrize(
+    ("which", "selection", "view"),
+    [
+        ("without", {}, {"observe": "markov", "actions": True}),
+        ("whole", {"policy": "safe"}, {"imperfections": TROUBLES, "reward": "delta"}),
+        ("without", {}, {"observe": ["latent_mu_v", "obs_gain"], "reward": {"fatigue": 1}}),
+    ],
+    ids=["markov", "troubles", "list"],
+)
 def test_arrays_batches_frames_and_windows_hold_the_same_values(request, which, selection, view):
     dataset = request.getfixturevalue(which)
     arrays = dataset.arrays(**selection, view=view)
@@ -111,19 +111,11 @@ def test_imperfections_are_the_same_in_a_selection(whole):
     assert not (every["observations"][:, :6] == whole.arrays()["observations"]).all(axis=0)[[1, 4, 5]].any()
 
 
-COLUMNS = "observe: found {}, expected columns of the dataset"
-
-
-@pytest.mark.parametrize(
-    ("read", "message"),
-    [
-        (lambda d: d.arrays(view={"observe": ["latent_penalty"]}), COLUMNS.format("latent_penalty")),
-        (lambda d: d.arrays(view={"observe": ["latent_drift_rate"]}), COLUMNS.format("latent_drift_rate")),
-        (lambda d: d.arrays(columns=["rewrad"]), "column: found 'rewrad'; did you mean 'reward'"),
-        (lambda d: d.iter_batches(["reward"], view=MARKOV), "columns: found columns beside a view"),
-    ],
-    ids=["derived", "drift", "columns", "both"],
-)
-def test_what_the_dataset_does_not_have_is_refused(whole, read, message):
-    with pytest.raises(UsageError, match=message):
-        read(whole)
+def test_what_the_dataset_does_not_have_is_refused(whole):
+    for name in ("latent_penalty", "latent_drift_rate"):
+        with pytest.raises(UsageError, match=f"observe: found {name}, expected columns of the dataset"):
+            whole.arrays(view={"observe": [name]})
+    with pytest.raises(UsageError, match="column: found 'rewrad'; did you mean 'reward'"):
+        whole.arrays(columns=["rewrad"])
+    with pytest.raises(UsageError, match="columns: found columns beside a view"):
+        whole.iter_batches(["reward"], view=MARKOV)

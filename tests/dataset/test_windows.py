@@ -10,9 +10,8 @@ import ibdata
 from ibdata.errors import UsageError
 
 
-@pytest.mark.parametrize("history", [1, 3])
-def test_windows_are_chosen_as_rows_of_arrays(dataset, history):
-    windows, arrays = dataset.windows(history=history), dataset.arrays(history=history)
+def test_windows_are_chosen_as_rows_of_arrays(dataset):
+    windows, arrays = dataset.windows(history=3), dataset.arrays(history=3)
     assert len(windows) == len(arrays["rewards"])
     for index in (0, 1, len(windows) - 1, -1):
         one = windows[index]
@@ -83,10 +82,10 @@ def test_a_folder_does_not_serve_episodes_in_another_order(tmp_path):
         other.windows(policy="safe", folder=tmp_path / "windows")
 
 
-@pytest.mark.parametrize(
-    "options", [{}, {"history": 3}, {"split": "target", "view": {"observe": ["obs_gain"]}}]
-)
-@pytest.mark.parametrize("folder", [None, "windows"])
+VIEWED = {"split": "target", "view": {"observe": ["obs_gain"]}}
+
+
+@pytest.mark.parametrize(("folder", "options"), [(None, {"history": 3}), (None, VIEWED), ("windows", VIEWED)])
 def test_a_pickle_is_the_folder_or_each_value_once(dataset, tmp_path, monkeypatch, folder, options):
     """It is what a DataLoader sends to each of its processes."""
     monkeypatch.chdir(tmp_path)

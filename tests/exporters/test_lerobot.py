@@ -14,13 +14,6 @@ import ibdata
 from ibdata.errors import UsageError
 from ibdata.exporters import lerobot
 
-VECTORS = ("observation.state", "action", "next.observation.state")
-
-
-@pytest.fixture
-def made(dataset, tmp_path):
-    return Path(ibdata.export(dataset, "lerobot", tmp_path / "made", history=3).path)
-
 
 def described(folder):
     return json.loads((folder / "meta" / "info.json").read_text())
@@ -30,73 +23,41 @@ def episode_rows(folder):
     return pq.read_table(folder / "meta" / "episodes").to_pylist()
 
 
-@pytest.mark.parametrize(
-    ("view", "width"), [({}, 6), ({"observe": ["obs_fatigue"]}, 1), ({"observe": "markov"}, 20)], ids=str
-)
-def test_info_describes_each_column(dataset, tmp_path, view, width):
-    """A vector is a list of fixed size, but a number if it has one entry only, as LeRobot expects it."""
-    exported = ibdata.export(dataset, "lerobot", tmp_path / "made", view=view)
-    info, schema = (
-        described(tmp_path / "made"),
-        pq.read_schema(tmp_path / "made/data/chunk-000/file-000.parquet"),
-    )
+def test_info_describes_each_column(dataset, tmp_path):
+    """A vector is a list of fixed size, but a number if it has one entry; bridges/lerobot has the rest."""
+    made = ibdata.export(dataset, "lerobot", tmp_path / "made", view={"observe": ["obs_fatigue"]})
+    info = described(tmp_path / "made")
+    schema = pq.read_schema(tmp_path / "made/data/chunk-000/file-000.parquet")
     assert info["codebase_version"] == "v3.0"
     assert (info["total_frames"], info["total_episodes"], info["splits"]) == (480, 12, {"train": "0:12"})
     assert list(info["features"]) == schema.names
-    for name, feature in info["features"].items():
-        (size,) = feature["shape"]
-        kind = pa.bool_() if feature["dtype"] == "bool" else pa.type_for_alias(feature["dtype"])
-        assert schema.field(name).type == (kind if size == 1 else pa.list_(kind, size))
-        assert (name in VECTORS) == (feature["names"] is not None)
-    assert tuple(info["features"]["observation.state"]["names"]) == exported.frame
-    assert info["features"]["observation.state"]["shape"] == [width]
-    holds(exported, dataset, view=view) if width > 1 else None
+    shown, action = (info["features"][name] for name in ("observation.state", "action"))
+    assert (shown["shape"], tuple(shown["names"]), action["shape"]) == ([1], made.frame, [3])
+    types = (schema.field("observation.state").type, schema.field("action").type)
+    assert types == (pa.float32(), pa.list_(pa.float32(), 3))
 
 
-def test_frames_are_numbered_and_timed_and_the_last_one_is_done(dataset, tmp_path):
-    """Of a split too, whose episodes are numbered anew."""
-    ibdata.export(dataset, "lerobot", tmp_path / "made", split="target")
-    found = parquet(tmp_path / "made" / "data")
-    steps = np.tile(np.arange(40), 4)
-    equal(found["index"], np.arange(160))
-    equal(found["episode_index"], np.repeat(np.arange(4), 40))
-    equal(found["frame_index"], steps)
-    equal(found["timestamp"], steps.astype(np.float32) / np.float32(described(tmp_path / "made")["fps"]))
+def test_frames_are_numbered_and_timed_and_a_task_is_a_setpoint(dataset, tmp_path):
+    """Of a split too, whose episodes are numbered anew; bridges/lerobot compares statistics and metadata."""
+    made = tmp_path / "made"
+    ibdata.export(dataset, "lerobot", made, split=["target", "source"])
+    found, steps = parquet(made / "data"), np.tile(np.arange(40), 10)
+    equal(found["index"], np.arange(400))
+    equal(found["episode_index"], np.repeat(np.arange(10), 40))
+    equal(found["timestamp"], steps.astype(np.float32) / np.float32(described(made)["fps"]))
     equal(found["next.done"], steps == 39)
-    equal(found["next.truncated"], steps == 39)
-    assert not found["next.terminated"].any()
-
-
-def test_the_statistics_of_all_frames_are_theirs(made):
-    """Quantiles too, which LeRobot itself averages over the episodes: the setpoint has 20, 70 and no mean."""
-    found = parquet(made / "data")
-    statistics = json.loads((made / "meta" / "stats.json").read_text())
-    assert list(statistics) == list(found)
-    for name, array in found.items():
-        values, told = array.reshape(480, -1).astype(np.float64), statistics[name]
-        assert list(told) == ["min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99"]
-        assert (told["min"], told["max"]) == (values.min(0).tolist(), values.max(0).tolist())
-        np.testing.assert_allclose(told["mean"], values.mean(0), rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(told["std"], values.std(0), rtol=1e-9, atol=1e-12)
-        for q in ("q01", "q10", "q50", "q90", "q99"):
-            np.testing.assert_allclose(told[q], np.quantile(values, int(q[1:]) / 100, axis=0), rtol=1e-12)
-        assert told["count"] == [480]
-    assert (statistics["observation.state"]["q01"][0], statistics["observation.state"]["q99"][0]) == (20, 70)
-
-
-def test_a_task_is_a_setpoint(made):
-    """pandas has its text as the index, where LeRobot takes it from."""
     tasks = pd.read_parquet(made / "meta" / "tasks.parquet")
     texts = [f"Operate the Industrial Benchmark at setpoint {setpoint}" for setpoint in (20, 70)]
     assert tasks.to_dict() == {"task_index": dict(zip(texts, (0, 1), strict=True))}
-    found = parquet(made / "data")
-    for row in episode_rows(made):
-        frames = slice(row["dataset_from_index"], row["dataset_to_index"])
-        (task,) = np.unique(found["task_index"][frames])
-        assert (
-            row["tasks"] == [texts[task]] == [texts[int(found["observation.state"][frames.start, 0] == 70)]]
-        )
-    assert described(made)["total_tasks"] == 2
+    names = [row["tasks"][0] for row in episode_rows(made)]
+    assert [texts[task] for task in found["task_index"][::40]] == names
+    equal(found["task_index"], (found["observation.state"][:, 0] == 70).astype(np.int64))
+    told = json.loads((made / "meta" / "stats.json").read_text())["action"]
+    x = found["action"].astype(np.float64)
+    assert (told["min"], told["max"], told["count"]) == (x.min(0).tolist(), x.max(0).tolist(), [400])
+    np.testing.assert_allclose([told["mean"], told["std"]], [x.mean(0), x.std(0)], rtol=1e-9)
+    for q in ("q01", "q50", "q90"):
+        np.testing.assert_allclose(told[q], np.quantile(x, int(q[1:]) / 100, axis=0), rtol=1e-12)
 
 
 def test_files_are_numbered_in_chunks_and_hold_whole_episodes(dataset, tmp_path, monkeypatch):
@@ -122,7 +83,8 @@ def test_files_are_numbered_in_chunks_and_hold_whole_episodes(dataset, tmp_path,
             assert row["episode_index"] in pq.read_table(made / path)["episode_index"].to_pylist()
 
 
-def test_a_dataset_of_lerobot_that_is_no_export_is_not_replaced(dataset, made):
+def test_a_dataset_of_lerobot_that_is_no_export_is_not_replaced(dataset, tmp_path):
+    made = Path(ibdata.export(dataset, "lerobot", tmp_path / "made").path)
     tasks = made / "meta" / "tasks.parquet"
     pd.read_parquet(tasks).to_parquet(tasks)
     with pytest.raises(UsageError, match="made: found no export of ibdata; move it away"):

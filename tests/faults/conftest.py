@@ -11,23 +11,12 @@ from helpers.folders import part_of, receipts
 
 import ibdata
 
+EXPERIMENT = (
+    "name: x\nsetpoints: {}\npolicies: [random]\nepisodes: {}\nsteps: {}\noutput: {{shard_rows: {}}}\n"
+)
 EXPERIMENTS = {
-    "many": """\
-name: many
-setpoints: [10, 30, 50, 70, 90]
-policies: [{kind: random}]
-episodes: 40
-steps: 50
-output: {shard_rows: 100}
-""",
-    "tiny": """\
-name: tiny
-setpoints: [10, 50]
-policies: [{kind: random}]
-episodes: 2
-steps: 10
-output: {shard_rows: 20}
-""",
+    "many": EXPERIMENT.format([10, 30, 50, 70, 90], 40, 50, 100),
+    "tiny": EXPERIMENT.format([10, 50], 2, 10, 20),
 }
 
 

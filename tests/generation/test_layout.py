@@ -1,5 +1,7 @@
 """The files after a run: the tree, the manifest, the metadata, the card, the Parquet files."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 import re
@@ -12,22 +14,12 @@ from ruamel.yaml import YAML
 import ibdata
 
 SHARDS = [(0, 2), (2, 3), (3, 5), (5, 6), (6, 8), (8, 9), (9, 11), (11, 12)]  # of `dataset`, by episode
-META = [
-    "meta/croissant.json",
-    "meta/dataset.json",
-    "meta/episodes.parquet",
-    "meta/experiment.yaml",
-    "meta/manifest.json",
-]
-META += ["meta/splits.json", "meta/statistics.json"]
+META = ["croissant.json", "dataset.json", "episodes.parquet", "experiment.yaml", "manifest.json"]
+META += ["splits.json", "statistics.json"]
 
 
 def files(folder):
     return {str(path.relative_to(folder)): path for path in folder.rglob("*") if not path.is_dir()}
-
-
-def read(dataset, path):
-    return json.loads((dataset.path / path).read_text())
 
 
 def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
@@ -35,7 +27,7 @@ def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
     assert len(shards) == len(SHARDS)
     for i, path in enumerate(shards):
         assert re.fullmatch(rf"data/part-{i:05d}-[0-9a-f]{{8}}\.parquet", path)
-    assert sorted(files(dataset.path)) == sorted(["README.md", *shards, *META])
+    assert set(files(dataset.path)) == {"README.md", *shards, *(f"meta/{name}" for name in META)}
 
 
 def test_the_manifest_lists_all_files_with_size_and_hash(either):
@@ -67,14 +59,13 @@ def test_shards_are_whole_episodes_cut_where_splits_begin(dataset, plain_digests
 
 
 def test_info_describes_counts_and_columns(dataset):
-    info = read(dataset, "meta/dataset.json")
+    info = json.loads((dataset.path / "meta/dataset.json").read_text())
     assert list(info) == [
         "format", "version", "name", "dynamics", "drifting", "start", "counts", "columns",
     ]  # fmt: skip
     assert (info["format"], info["version"], info["name"]) == ("ibdata-dataset", 1, "small")
     assert info["counts"] == {"rows": 480, "episodes": 12, "steps": 40, "cells": 4, "shards": 8}
-    table = dataset.table()
-    assert [column["name"] for column in info["columns"]] == table.column_names
+    assert [column["name"] for column in info["columns"]] == dataset.table().column_names
     assert list(info["columns"][0]) == ["name", "role", "dtype", "unit", "low", "high", "description"]
 
 
@@ -108,7 +99,7 @@ def test_episodes_parquet_is_what_the_rows_say(either, plain_digests):
 @pytest.mark.parametrize("name", ["dataset", "moving", "large"])
 def test_stats_are_those_of_the_rows(request, name):
     dataset = request.getfixturevalue(name)
-    stats = read(dataset, "meta/statistics.json")
+    stats = json.loads((dataset.path / "meta/statistics.json").read_text())
     assert list(stats["splits"]) == list(dataset.splits)
     for split, described in {None: stats["all"], **stats["splits"]}.items():
         assert described == dataset.statistics(split)
@@ -166,3 +157,35 @@ def test_splits_that_share_and_lack_nothing_are_those_of_the_hub(describe, made_
         expected = [{"split": names[name], "path": paths_of(made, name)} for name in splits]
         whole = [{"split": "train", "path": ["data/part-*.parquet"]}]
         assert config == {"config_name": "default", "default": True, "data_files": expected or whole}
+
+
+UP, DOWN = ({"kind": "constant", "action": [x] * 3} for x in (0.5, -0.5))
+MIXTURE = {"kind": "mixture", "bases": [UP, "safe", DOWN], "weights": [2, 1, 1], "name": "mixed"}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    plain = {"name": "mixed", "setpoints": [20, 70], "steps": 3, "episodes": 20, "seed": 3}
+    plain["output"] = {"shard_rows": 30}
+    return ibdata.generate({**plain, "policies": ["random", MIXTURE]}, tmp_path_factory.mktemp("a") / "mixed")
+
+
+def test_the_policy_that_acts_is_the_one_whose_actions_are_recorded(made):
+    rows = made.to_pandas(columns=["episode", "act_velocity"])
+    actions = rows.groupby("episode")["act_velocity"].agg(list)
+    found = made.episodes["acting"].astype(str)
+    assert set(found) == {"random", "constant", "safe", "constant-2"}
+    assert (found[made.episodes["policy"] == "random"] == "random").all()
+    for label, action in (("constant", 0.5), ("constant-2", -0.5)):
+        for episode in made.episodes["episode"][found == label]:
+            assert actions[episode] == [action] * 3
+    assert (found == "constant").sum() > (found == "constant-2").sum() > 0
+
+
+def test_it_stays_with_the_episode(made, tmp_path):
+    other = ibdata.generate({"name": "x", "setpoints": 70, "steps": 3, "policies": ["safe"]}, tmp_path / "x")
+    merged = ibdata.merge([other.path, made.path], out=tmp_path / "merged")
+    assert merged.episodes["acting"].astype(str).tolist() == ["safe", *made.episodes["acting"]]
+    (merged.path / "meta" / "episodes.parquet").unlink()
+    ibdata.repair(merged.path)
+    assert ibdata.validate(merged.path) == []

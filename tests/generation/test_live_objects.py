@@ -1,8 +1,5 @@
 """Objects of a Python session as policies of a run, which nobody can repeat."""
 
-import subprocess
-import sys
-from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
@@ -29,12 +26,6 @@ def plain():
     return {"name": "x", "setpoints": [20, 70], "steps": 3, "policies": policies}
 
 
-def test_a_stop_says_that_it_begins_again(plain, monkeypatch):
-    monkeypatch.setattr("ibdata.generation.build.finish", Mock(side_effect=Interrupted(2)))
-    with pytest.raises(Interrupted, match=r"1 shard is finished; with an object of .*, a run begins again$"):
-        ibdata.generate(plain, "out")
-
-
 def test_an_object_acts_and_its_class_is_recorded(plain):
     made = ibdata.generate(plain, "out", workers=4)
     assert plain["policies"][0].asked >= 6
@@ -49,24 +40,21 @@ def test_an_object_acts_and_its_class_is_recorded(plain):
     assert "Nobody can make it again: " in (made.path / "README.md").read_text()
 
 
-def without_a_shard(plain):
+def without_a_shard():
     next((ibdata.open("out").path / "data").iterdir()).unlink()
     ibdata.repair("out", allow_code=True)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda plain: ibdata.reproduce("out", allow_code=True),
-        lambda plain: ibdata.generate(plain, "other", shards="1/2"),
-        lambda plain: ibdata.generate("out/meta/experiment.yaml", "other"),
-        without_a_shard,
-    ],
-)
-def test_what_would_ask_it_again_is_refused_in_one_line(plain, call):
+def test_what_would_ask_it_again_is_refused_in_one_line(plain):
     ibdata.generate(plain, "out")
-    with pytest.raises(UsageError, match=r"(out|x): found live:Mine, an object .* kind: custom$"):
-        call(plain)
+    for call in (
+        lambda: ibdata.reproduce("out", allow_code=True),
+        lambda: ibdata.generate(plain, "other", shards="1/2"),
+        lambda: ibdata.generate("out/meta/experiment.yaml", "other"),
+        without_a_shard,
+    ):
+        with pytest.raises(UsageError, match=r"(out|x): found live:Mine, an object .* kind: custom$"):
+            call()
 
 
 def test_a_dataset_of_an_object_is_never_already_there(plain):
@@ -76,17 +64,15 @@ def test_a_dataset_of_an_object_is_never_already_there(plain):
         ibdata.generate(plain, "out")
     assert ibdata.generate(plain, "out", overwrite=True).content_root == made.content_root
     experiment = ibdata.load(ibdata.load(plain), {"steps": 4, "policies.1.epsilon": 1.0})
-    assert ibdata.estimate(experiment)["rows"] == 32
     with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment; --overwrite"):
         ibdata.generate(experiment, "out")
-    assert ibdata.generate(experiment, "out", overwrite=True).manifest["rows"] == 32
 
 
 def test_a_stopped_run_of_an_object_begins_again(plain, monkeypatch, capsys):
     plain["policies"], first = [Mine(0.5)], Mine(-0.5)
     with monkeypatch.context() as stopping:
         stopping.setattr("ibdata.generation.build.finish", Mock(side_effect=Interrupted(2)))
-        with pytest.raises(Interrupted):
+        with pytest.raises(Interrupted, match=r"1 shard is finished; with an object .* a run begins again$"):
             ibdata.generate({**plain, "policies": [first]}, "out")
     assert ibdata.estimate(plain, "out")["action"] == "make it"
     assert (ibdata.generate(plain, "out").to_pandas()["act_gain"] == 0.5).all()
@@ -102,14 +88,6 @@ class Drawing:
 
 DRAWING = {"kind": "custom", "draws": 3}
 TWO = {"name": "x", "setpoints": 70, "steps": 4}
-ELSEWHERE = """
-import sys
-from importlib import import_module
-import ibdata
-sys.path.append(sys.argv[1])
-own = import_module("test_live_objects")
-print(ibdata.generate(own.two(), "elsewhere").content_root)
-"""
 
 
 def two(**options):
@@ -123,9 +101,7 @@ def test_objects_of_one_class_draw_apart_and_the_same_everywhere():
     made = ibdata.generate(two(), "out")
     assert ibdata.generate(two(), "again").content_root == made.content_root
     assert made.to_pandas().groupby("policy", observed=True)["act_gain"].first().nunique() == 3
-    command = [sys.executable, "-c", ELSEWHERE, str(Path(__file__).parent)]
-    there = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert there.split() == [made.content_root]
+    assert made.content_root == "e346c8648d98dda8e7fc4c4c0178e4d04ee2d4afee8ee623f9a6c34e262229b5"
 
 
 def test_two_runs_of_one_class_and_seed_are_not_merged():

@@ -23,10 +23,7 @@ def whole(here):
     return here
 
 
-@pytest.mark.parametrize(
-    ("path", "named"),
-    [("mine.py", "mine:Own"), *((path, path) for path in ("helper.py", "lazy.py", "weights.txt"))],
-)
+@pytest.mark.parametrize(("path", "named"), [("mine.py", "mine:Own"), ("lazy.py", "lazy.py")])
 def test_a_run_goes_on_with_the_same_code_only(here, path, named, capsys):
     stopped()
     kept = run_of("out")
@@ -48,17 +45,14 @@ def test_a_run_goes_on_with_the_same_code_only(here, path, named, capsys):
     assert len(shards & {path.name for path in Path("out/data").iterdir()}) >= 2
 
 
-@pytest.mark.parametrize(
-    ("noted", "line"),
-    [
-        (
-            {"code": [Code(target="mine:Own", version=None, sha256="0" * 64)]},
-            "found other code .*, in mine:Own",
-        ),
-        ({"known_answer": "0" * 64}, "a worker computes other bits"),
-    ],
-    ids=["code", "bits"],
-)
+CODE = {"code": [Code(target="mine:Own", version=None, sha256="0" * 64)]}
+OTHERS = {
+    "found other code .*, in mine:Own": CODE,
+    "a worker computes other bits": {"known_answer": "0" * 64},
+}
+
+
+@pytest.mark.parametrize(("line", "noted"), OTHERS.items())
 def test_a_worker_with_other_code_or_bits_is_refused(whole, monkeypatch, noted, line):
     write = Record.write
     monkeypatch.setattr(Record, "write", lambda record, run: write(record.model_copy(update=noted), run))
@@ -75,11 +69,9 @@ def test_finalize_imports_nothing(whole):
     assert code["sha256"] == known
 
 
-AT_70 = "sys.exit(0) if history[0, 0, 0] == 70 else None"
 STRAY = """
     import sys
     print("imported")
-    {module}
 
     class Own:
         def act(self, history, u):
@@ -89,38 +81,18 @@ STRAY = """
 """
 
 
-@pytest.fixture
-def stray(here):
-    """A function that writes the policy with a statement at a place."""
-
-    def write(place="module", code="pass"):
-        parts = {"module": "pass", "act": "pass", place: code}
-        (here / "mine.py").write_text(textwrap.dedent(STRAY).format(**parts))
-
-    return write
-
-
-PLAYED = "policy custom: episode 2: step 0: "
-GIVEN = "it was given observations (1, 1, 6) and random numbers (1, 3)"
-
-
-@pytest.mark.parametrize(
-    ("place", "code", "line"),
-    [
-        ("module", "sys.exit(0)", "mine:Own: cannot be loaded: mine.py:4: SystemExit: 0"),
-        ("act", AT_70, f"{PLAYED}mine.py:9: SystemExit: 0; {GIVEN}"),
-    ],
-)
-def test_a_policy_that_exits_is_an_error(stray, ibdata, place, code, line):
-    stray(place, code)
-    done = ibdata("generate", "-q", "own.yaml", "--out", "out", "--allow-code", "--workers", "2")
-    last = done.stderr.splitlines()[-1]
-    assert last.removeprefix("ibdata: ").replace("episode 3", "episode 2") == line
-    assert (done.returncode, done.stdout) == (1, "")
-
-
-def test_what_a_policy_prints_goes_to_stderr(stray, ibdata):
-    stray()
-    done = ibdata("generate", "-q", "--json", "own.yaml", "--allow-code", "--workers", "2")
+def test_a_policy_that_exits_is_an_error(here, ibdata):
+    """What it prints goes to stderr."""
+    Path("mine.py").write_text(
+        textwrap.dedent(STRAY).format(act="sys.exit(0) if history[0, 0, 0] == 70 else 0")
+    )
+    args = ("generate", "-q", "--json", "own.yaml", "--out", "out", "--allow-code", "--workers", "2")
+    done = ibdata(*args)
+    last = done.stderr.splitlines()[-1].replace("episode 3", "episode 2")
+    given = "it was given observations (1, 1, 6) and random numbers (1, 3)"
+    assert last.endswith(f"policy custom: episode 2: step 0: mine.py:8: SystemExit: 0; {given}")
+    assert done.returncode == 1
+    Path("mine.py").write_text(textwrap.dedent(STRAY).format(act="pass"))
+    done = ibdata(*args)
     assert json.loads(done.stdout)["rows"] == 16
     assert {"imported", "acts"} <= set(done.stderr.split())

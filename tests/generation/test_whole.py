@@ -1,22 +1,19 @@
-"""All shards or an error: what is not whole is never published, and nothing of it is deleted."""
+"""All shards or an error: what is not whole is never published, and what is finished is gone on with."""
 
 import shutil
 from pathlib import Path
-from unittest.mock import Mock
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.datasets import four_shards_at
-from helpers.folders import contents, is_right, part_of, run_of
+from helpers.folders import contents, is_right, part_of, receipts, run_of
 
 import ibdata
 from ibdata import IbdataError
-from ibdata._system.storage import Remote
 from ibdata.dataset.models import Code
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import Interrupted, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import shard as shard_writing
-from ibdata.generation import upload, workers
+from ibdata.generation import workers
 from ibdata.generation.record import Record
 
 
@@ -40,27 +37,18 @@ def cut(monkeypatch):
     monkeypatch.setattr(workers, "write_receipt", putting)
 
 
-WAYS = {
-    "run": lambda: ibdata.generate(TINY, "out", workers=1),
-    "overwrite": lambda: ibdata.generate(TINY, "out", workers=1, overwrite=True),
-    "finalize": lambda: (ibdata.generate(TINY, "out", workers=1, shards="1/1"), ibdata.finalize("out")),
-}
-
-
 @pytest.mark.parametrize("lose", [unreadable, cut])
-@pytest.mark.parametrize("write", WAYS.values(), ids=WAYS)
-def test_a_lost_shard_is_an_error_and_the_run_goes_on(tiny, files, monkeypatch, lose, write):
+def test_a_lost_shard_is_an_error_and_the_run_goes_on(tiny, files, monkeypatch, lose):
     with monkeypatch.context() as broken:
         lose(broken)
         with pytest.raises(
             IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: 2; run the same command again"
         ) as e:
-            write()
+            ibdata.generate(TINY, "out", workers=1)
     assert (e.value.exit_code, Path("out").exists()) == (1, False)
     assert len(list((run_of("out") / "dataset/data").iterdir())) == 4
     ibdata.generate(TINY, "out", workers=1)
     assert is_right("out", tiny[0].path, files)
-    assert ibdata.validate("out") == []
 
 
 def flipped(data, other):
@@ -71,19 +59,12 @@ def flipped(data, other):
 DAMAGE = {
     "flipped": flipped,
     "cut": lambda data, other: data[:-9],
-    "zeroed": lambda data, other: bytes(len(data)),
-    "emptied": lambda data, other: b"",
     "foreign": lambda data, other: other,
 }
 FILES = {"run.json": "run.json", "receipt": "receipts/00001.npy", "shard": "dataset/data/part-00001-*"}
-WAYS_ON = {
-    "same": lambda: ibdata.generate(TINY, "out", workers=1),
-    "overwrite": lambda: ibdata.generate(TINY, "out", workers=1, overwrite=True),
-    "finalize": lambda: (ibdata.generate(TINY, "out", workers=1, shards="1/1"), ibdata.finalize("out")),
-}
 CASES = [
-    *((FILES[name], damage, WAYS_ON["same"]) for name in FILES for damage in DAMAGE.values()),
-    *((FILES[name], flipped, write) for name in FILES for write in list(WAYS_ON.values())[1:]),
+    *((FILES[name], damage, "same") for name in FILES for damage in DAMAGE.values()),
+    *((FILES[name], flipped, "finalize") for name in FILES),
 ]
 
 
@@ -95,9 +76,12 @@ def test_what_is_damaged_in_a_part_is_made_again(tiny, files, begun, path, damag
     other = next(run_of("other").glob(path.replace("00001", "00000")))
     found.write_bytes(damage(found.read_bytes(), other.read_bytes()))
     shutil.rmtree(part_of("other"))
-    write()
+    if write == "finalize":
+        ibdata.generate(TINY, "out", workers=1, shards="1/1")
+        ibdata.finalize("out")
+    else:
+        ibdata.generate(TINY, "out", workers=1)
     assert is_right("out", tiny[0].path, files)
-    assert ibdata.validate("out") == []
 
 
 @pytest.fixture(scope="module")
@@ -133,31 +117,36 @@ def test_a_run_goes_on_with_the_same_code_only():
     assert one.difference(other) == "with other code, in helper.py"
 
 
-def test_what_was_lost_before_its_upload_is_made_again(tmp_path, monkeypatch, tiny, files):
-    monkeypatch.chdir(tmp_path)
-    url = f"{tmp_path.as_uri()}/there"
-    monkeypatch.setattr(upload, "work_folder", lambda url, e: tmp_path / "cache/dataset")
-    with monkeypatch.context() as broken:
-        broken.setattr(Remote, "put", Mock(side_effect=OSError(5, "lost")))
-        with pytest.raises(IbdataError, match="the same command tries again"):
-            four_shards_at(url)
-    next(Path("cache/dataset/data").iterdir()).unlink()
-    four_shards_at(url)
-    assert files("there") == files(tiny[0].path)
+@pytest.fixture(autouse=True)
+def _one_processor(monkeypatch):
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 1)  # shards in order
 
 
-def test_a_dataset_that_is_not_whole_is_not_already_there(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    url = f"{tmp_path.as_uri()}/there"
-    four_shards_at(url)
-    next(Path("there/data").glob("part-00002-*")).unlink()
-    for call in (
-        lambda: four_shards_at(url),
-        lambda: four_shards_at("there"),
-        lambda: four_shards_at("there", shards="1/2"),
-        lambda: ibdata.finalize("there"),
-    ):
-        with pytest.raises(DatasetError, match=r"there/data/part-00002-.*: missing or not whole, but"):
-            call()
-    assert ibdata.repair("there") != []
-    assert four_shards_at(url).content_root == four_shards_at("there").content_root
+FULL = OSError(28, "No space left on device")
+ERRORS = {  # after how many shards what is raised, what is seen, and its line
+    "a full disk": (0, FULL, IbdataError, r"^a/b: cannot be written: No space left on device$"),
+    "memory": (2, MemoryError(), IbdataError, r"^a/b: out of memory; use fewer --workers"),
+    "a signal": (2, Interrupted(15), Interrupted, r"^stopped by signal 15; 2 shards are"),
+    "an early signal": (0, Interrupted(15), Interrupted, r"^stopped by signal 15; nothing"),
+    "a bug": (2, ZeroDivisionError(), ZeroDivisionError, None),
+}
+
+
+@pytest.mark.parametrize(("shards", "error", "seen", "line"), ERRORS.values(), ids=ERRORS)
+def test_an_error_leaves_finished_shards_or_nothing(monkeypatch, files, tiny, shards, error, seen, line):
+    """tests/life and tests/faults raise errors of the system at any operation."""
+    real, calls = workers.write_shard, iter(range(9))
+
+    def failing(*args):
+        if next(calls) >= shards:
+            raise error
+        return real(*args)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(workers, "write_shard", failing)
+        with pytest.raises(seen, match=line):
+            ibdata.generate(TINY, "a/b", workers=1)
+    assert len(receipts("a/b")) == shards
+    assert bool(contents()) == bool(shards)
+    ibdata.generate(TINY, "a/b", workers=1)
+    assert is_right("a/b", tiny[0].path, files)

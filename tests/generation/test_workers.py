@@ -1,11 +1,12 @@
-"""Threads and worker processes make the files of one, and end with the run whatever happens."""
+"""Threads, worker processes and those of Ray make the files of one, and end with the run whatever happens."""
+
+from __future__ import annotations
 
 import json
 import os
 import subprocess
 import sys
 import time
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -15,29 +16,28 @@ from helpers.folders import contents, part_of, receipts
 
 import ibdata
 from ibdata import Experiment, IbdataError
+from ibdata.experiment import load
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation import workers
-from ibdata.generation.process import Worker
+from ibdata.generation import ray, workers
+from ibdata.generation.process import WorkerTask
 
 slow = pytest.mark.slow  # a process starts in more than a second
 
 
-@pytest.mark.parametrize(
-    ("rows", "processors", "asked", "custom", "expected"),
-    [
-        (10**6, 1, None, False, (1, 1)),
-        (10**9, 4, None, False, (1, 4)),
-        (10**8, 64, None, False, (64, 1)),
-        (10**8, 8, 2, False, (2, 4)),
-        (2 * 10**6, 8, 16, False, (2, 4)),
-        (10**8, 8, None, True, (8, 1)),
-    ],
-)
-def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked, custom, expected):
-    """Processes and threads follow from rows, processors, --workers and whether policies are custom."""
+DIVISION = [  # rows, processors, --workers, the policy; processes and threads
+    (10**6, 1, None, "random", (1, 1)),
+    (10**9, 4, None, "random", (1, 4)),
+    (10**8, 64, None, "random", (64, 1)),
+    (10**8, 8, 2, "random", (2, 4)),
+    (2 * 10**6, 8, 16, "random", (2, 4)),
+    (10**8, 8, None, {"kind": "custom", "target": "mine:Mine"}, (8, 1)),
+]
+
+
+@pytest.mark.parametrize(("rows", "processors", "asked", "policy", "expected"), DIVISION)
+def test_the_division_follows_from_the_work(monkeypatch, rows, processors, asked, policy, expected):
     monkeypatch.setattr(workers, "available_processors", lambda: processors)
-    policies = [{"kind": "custom", "target": "mine:Mine"} if custom else "random"]
-    plain = {"name": "x", "setpoints": 70, "policies": policies, "episodes": rows // 1000}
+    plain = {"name": "x", "setpoints": 70, "policies": [policy], "episodes": rows // 1000}
     spec = DatasetSpec.of(Experiment.model_validate(plain))
     assert workers.divide(spec, spec.shards, asked) == expected
 
@@ -47,16 +47,14 @@ import ibdata, sys
 print(ibdata.generate(ibdata.Experiment.model_validate({TINY.plain()}), "out", workers=2).content_root)
 print(*[name for name in ("pandas", "polars", "duckdb", "matplotlib") if name in sys.modules])
 """
-WAYS = {"script": ["plain.py"], "stdin": ["-"], "-m": ["-m", "package.module"]}
+WAYS = {"script": ["plain.py"], "stdin": ["-"], "-m": ["-m", "plain"]}
 
 
 @slow
 @pytest.mark.parametrize("way", WAYS)
 def test_a_script_needs_no_guard(tiny, way):
     """Code without `if __name__ == "__main__"` runs once with several workers, and loads no reader."""
-    for path in ("plain.py", "package/module.py"):
-        Path(path).parent.mkdir(exist_ok=True)
-        Path(path).write_text(SCRIPT)
+    Path("plain.py").write_text(SCRIPT)
     given = SCRIPT if way == "stdin" else None
     child = subprocess.run(
         [sys.executable, "-W", "error", *WAYS[way]], input=given, capture_output=True, text=True, timeout=120
@@ -105,25 +103,6 @@ def test_a_killed_worker_ends_the_run_with_advice(own):
     made = own("")
     assert {Path(path).name for path in kept} <= {path.name for path in Path("out/data").iterdir()}
     assert ibdata.validate(made.path) == []
-
-
-@slow
-def test_an_error_of_a_worker_reaches_the_caller(own):
-    """With its own type and message, as without workers, and its traceback."""
-    raised = []
-    for number in (1, 2):
-        with pytest.raises(IbdataError, match=r"RuntimeError: stopped") as error:
-            own("raise RuntimeError('stopped')", workers=number, overwrite=True)
-        raised.append((type(error.value), str(error.value).replace("episode 3", "episode 2")))
-    assert raised[0] == raised[1]
-    assert "failing.py" in str(error.value.__cause__)
-
-
-@slow
-def test_a_worker_that_gets_what_cannot_be_unpickled_ends():
-    with closing(Worker(DatasetSpec.of(TINY), Path.cwd())) as worker:
-        worker._pipe.send_bytes(b"junk")
-        assert worker._process.wait(timeout=60) == 1
 
 
 RUN = "import ibdata; ibdata.generate('own.yaml', 'out', workers=2, allow_code=True)"
@@ -175,3 +154,16 @@ def test_files_in_the_folder_of_a_dataset_do_not_run(tiny, tmp_path):
     child = python(tmp_path / "script.py", cwd=made)
     assert child.returncode == 0, child.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again", "script.py", "theirs"]
+
+
+def test_another_run_at_the_same_place_is_another_run(tmp_path, monkeypatch):
+    seeds = []
+    monkeypatch.setattr(ray, "agree", lambda spec, root: None)
+    monkeypatch.setattr(ray, "make_shard", lambda spec, *rest: seeds.append(spec.experiments[0].seed))
+    monkeypatch.setattr("ibdata._system.processes.purpose", "test")
+    for seed in (1, 2, 2):
+        plain = {"name": "x", "setpoints": 70, "policies": ["random"], "steps": 2, "seed": seed}
+        spec = DatasetSpec.of(load(plain))
+        task = WorkerTask(spec, tmp_path, tmp_path)
+        ray._work(task, spec.shards[0])
+    assert seeds == [1, 2, 2]

@@ -63,19 +63,6 @@ def merged(make, tmp_path_factory) -> Dataset:
     return ibdata.merge([part.path for part in parts], tmp_path_factory.mktemp("merged") / "both")
 
 
-@pytest.fixture(scope="session")
-def formed(make, many, merged) -> Callable[[str], Dataset]:
-    """The dataset of a form by its name, made once."""
-    made = {"many": many, "merged": merged}
-
-    def of(name: str) -> Dataset:
-        if name not in made:
-            made[name] = make(**FORMS[name])
-        return made[name]
-
-    return of
-
-
 @pytest.fixture(params=["many", "merged", *FORMS])
-def any_form(request, formed) -> Dataset:
-    return formed(request.param)
+def any_form(request, make) -> Dataset:
+    return make(**FORMS[request.param]) if request.param in FORMS else request.getfixturevalue(request.param)

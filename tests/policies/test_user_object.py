@@ -261,7 +261,7 @@ def test_a_deterministic_policy_of_a_user_may_be_the_base_of_noise():
     own, shipped = ibdata.evaluate([noisy, {**noisy, "base": "constant"}], steps=30, episodes=50).results
     assert own.mean_return == pytest.approx(shipped.mean_return, abs=5 * own.standard_error)
     for base in (Named(), Drawing()):
-        with pytest.raises(ibdata.IbdataError, match="found [a-z]* without deterministic: true"):
+        with pytest.raises(ibdata.IbdataError, match="without deterministic: true"):
             as_policy({**noisy, "base": base})
 
 

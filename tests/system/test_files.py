@@ -1,4 +1,4 @@
-"""Files written whole or not at all, the folders of the cache, and the code for macOS."""
+"""Files written whole or not at all, the folders of the cache, and files that macOS leaves beside others."""
 
 import os
 import tempfile
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ibdata._system.cache_folders import cache_folders
-from ibdata._system.files import write
+from ibdata._system.files import paths_in, write
 
 
 @pytest.mark.parametrize(("module", "failing"), [(os, "fsync"), (Path, "replace")])
@@ -62,3 +62,10 @@ def test_a_temporary_folder_is_the_last_resort(tmp_path, monkeypatch):
     assert not found.lasting
     assert os.path.dirname(found.folders[-1]) == tempfile.gettempdir()
     assert not list(tmp_path.glob("~*"))
+
+
+def test_only_its_files_are_passed_over(tmp_path):
+    for name in (".DS_Store", "._a", ".a", "a", "_a"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "._folder").mkdir()
+    assert [path.name for path in paths_in(tmp_path)] == ["._folder", ".a", "_a", "a"]

@@ -23,7 +23,6 @@ from ibdata.tools.card import card
 OTHER = TINY.model_copy(update={"seed": 1})
 WRITERS = {
     "generate": lambda: ibdata.generate(TINY, "new", workers=1),
-    "overwrite": lambda: ibdata.generate(OTHER, "new", workers=1, overwrite=True),
     "shards": lambda: ibdata.generate(TINY, "new", shards="1/2", workers=1),
     "merge": lambda: ibdata.merge(["a", "b"], "new"),
     "materialize": lambda: ibdata.split("a", "setpoint", scheme="leave-one-out", materialize="new"),
@@ -33,7 +32,6 @@ WRITERS = {
     "repair": lambda: ibdata.repair("c", workers=1),
     "replace": lambda: ibdata.generate(OTHER, "a", workers=1, overwrite=True),
 }
-writers = pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 
 
 @pytest.fixture(autouse=True)
@@ -46,31 +44,29 @@ def _beside_two_datasets(tiny, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # pictures of a card take seconds
 
 
-@writers
-def test_a_second_writer_is_refused(write):
+def test_a_second_writer_is_refused():
     with ExitStack() as held:
         for name in ("new", "a", "c"):
             held.enter_context(locked_part(Path(name).absolute()))
         before = contents()
-        with pytest.raises(BusyError, match=r"(new|a|c): another process is writing here; wait") as error:
-            write()
-        assert (error.value.exit_code, contents()) == (75, before)
-    write()
+        for write in WRITERS.values():
+            with pytest.raises(BusyError, match=r"(new|a|c): another process is writing here; wait") as error:
+                write()
+            assert (error.value.exit_code, contents()) == (75, before)
+    WRITERS["generate"]()
 
 
-@pytest.mark.parametrize("name", ["generate", "split"])
-def test_without_locks_nothing_is_written_but_a_dataset_is_read(monkeypatch, name):
+def test_without_locks_nothing_is_written_but_a_dataset_is_read(monkeypatch):
     def flock(descriptor, operation):
         raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
 
     before = contents()
     monkeypatch.setattr(fcntl, "flock", flock)
-    with pytest.raises(IbdataError, match=r"the file system has no locks \(.*\); choose a fo"):
-        WRITERS[name]()
+    for name in ("generate", "split"):
+        with pytest.raises(IbdataError, match=r"the file system has no locks \(.*\); choose a fo"):
+            WRITERS[name]()
     assert contents() == before
-    assert ibdata.validate("b") == []
-    assert len(ibdata.open("b").table()) == 20
-    assert ibdata.reproduce("b")[1] == []
+    assert ibdata.validate("b") == ibdata.reproduce("b")[1] == []
     assert ibdata.generate(OTHER, "b", workers=1).place == "b"
 
 

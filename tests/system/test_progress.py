@@ -1,20 +1,12 @@
 """Bars of long tasks reach their ends, move by less than a file, and are shown only where wanted."""
 
 import sys
+from contextlib import nullcontext
 
 import pytest
 
 import ibdata
-from ibdata import Experiment
 from ibdata.cli import cli
-
-slow = pytest.mark.slow
-
-
-def parts(steps):
-    """600 episodes in two files of 300, each simulated in parts of 256 and 44."""
-    plain = {"name": "parts", "setpoints": 70, "policies": ["constant"], "episodes": 600, "steps": steps}
-    return Experiment.model_validate({**plain, "output": {"latent": False, "shard_rows": 300 * steps}})
 
 
 @pytest.fixture
@@ -22,33 +14,26 @@ def bars(monkeypatch):
     """The bars that are shown: the total of each and the numbers by which it moves."""
     shown = []
 
-    class Bar:
+    class Bar(nullcontext):
         def __init__(self, total, **options):
+            super().__init__(self)
             self.total, self.moves = total, []
+            self.update = self.moves.append
             shown.append(self)
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *error):
-            pass
-
-        def update(self, n):
-            self.moves.append(n)
 
     monkeypatch.setattr("tqdm.auto.tqdm", Bar)
     return shown
 
 
-@pytest.mark.parametrize(
-    ("workers", "processors", "steps"), [(1, 1, 10), (1, 2, 10), pytest.param(2, 2, 1000, marks=slow)]
-)
-def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch, workers, processors, steps):
-    """With one thread, with two, and with worker processes."""
-    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: processors)
+@pytest.mark.parametrize(("workers", "steps"), [(1, 10), pytest.param(2, 1000, marks=pytest.mark.slow)])
+def test_the_bar_of_generate_moves_by_parts_of_files(bars, tmp_path, monkeypatch, workers, steps):
+    """600 episodes in two files of 300, each simulated in parts of 256 and 44, by threads or processes."""
+    monkeypatch.setattr("ibdata.generation.workers.available_processors", lambda: 2)
     if workers == 1:
         monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", steps * 256)
-    ibdata.generate(parts(steps), tmp_path / "made", workers=workers, progress=True)
+    plain = {"name": "parts", "setpoints": 70, "policies": ["constant"], "episodes": 600, "steps": steps}
+    plain["output"] = {"latent": False, "shard_rows": 300 * steps}
+    ibdata.generate(plain, tmp_path / "made", workers=workers, progress=True)
     [bar] = bars
     assert bar.total == sum(bar.moves) == 600 * steps
     assert sorted(n for n in bar.moves if n) == [44 * steps, 44 * steps, 256 * steps, 256 * steps]
@@ -61,10 +46,9 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("line", COMMANDS.values(), ids=COMMANDS)
-@pytest.mark.parametrize(("terminal", "more"), [(True, ""), (False, ""), (True, " --quiet")])
-def test_a_command_shows_its_bar_only_in_a_terminal(
-    bars, dataset, tmp_path, monkeypatch, line, terminal, more
-):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
-    cli.main((line + more).format(folder=dataset.path, out=tmp_path).split(), standalone_mode=False)
-    assert bool(bars) == (terminal and not more)
+def test_a_command_shows_its_bar_only_in_a_terminal(bars, tmp_path, monkeypatch, line):
+    for terminal, more in ((False, ""), (True, " --quiet"), (True, " --overwrite" * ("generate" in line))):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)  # noqa: B023
+        assert bars == []
+        cli.main((line + more).format(out=tmp_path).split(), standalone_mode=False)
+    assert len(bars) == 1

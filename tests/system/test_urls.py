@@ -12,7 +12,6 @@ from click.testing import CliRunner
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.datasets import four_shards_at
 from helpers.folders import contents
-from pyarrow import PythonFile
 from pyarrow.fs import FileSystem
 
 import ibdata
@@ -26,13 +25,11 @@ from ibdata.tools.card import card
 from ibdata.tools.listing import datasets_in
 
 READERS = ("info", "head", "stats", "validate")
-PLACES = dict.fromkeys(["s3://a/b", "memory://x", "file:///x", "S3://a/b", "abfs+x://y"], True)
-PLACES |= dict.fromkeys(["s3:/a/b", "a/b", "/s3://x", "://x", "c://x", Path("s3://a"), None, ""], False)
 
 
-@pytest.mark.parametrize(("place", "expected"), PLACES.items())
-def test_a_scheme_of_two_letters_and_two_slashes_make_a_url(place, expected):
-    assert is_url(place) == expected
+def test_a_scheme_of_two_letters_and_two_slashes_make_a_url():
+    assert all(map(is_url, ["s3://a/b", "memory://x", "file:///x", "S3://a/b", "abfs+x://y"]))
+    assert not any(map(is_url, ["s3:/a/b", "a/b", "/s3://x", "://x", "c://x", Path("s3://a"), None, ""]))
 
 
 def said(*args):
@@ -42,10 +39,10 @@ def said(*args):
     return done.output
 
 
-@pytest.mark.parametrize("command", READERS)
-def test_a_reading_command_says_the_same_of_a_url(url, command):
+def test_a_reading_command_says_the_same_of_a_url(url):
     four_shards_at(url)
-    assert said(command, url).replace(url, "there") == said(command, "there")
+    for command in READERS:
+        assert said(command, url).replace(url, "there") == said(command, "there")
 
 
 def test_damage_is_found_and_named(url, shard_file):
@@ -76,13 +73,9 @@ def test_credentials_in_urls_are_in_no_error(url, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     if url.startswith("odd"):
         monkeypatch.setitem(sys.modules, "fsspec", None)
-    calls = [
-        ibdata.open,
-        ibdata.validate,
-        four_shards_at,
-        lambda url: ibdata.generate("random", url, shards="1/1"),
-    ]
-    calls += [ibdata.repair, ibdata.split, lambda url: ibdata.merge([url, url], out="x")]
+    calls = [ibdata.open, ibdata.validate, four_shards_at, ibdata.repair, ibdata.split]
+    calls += [lambda url: ibdata.generate("random", url, shards="1/1")]
+    calls += [lambda url: ibdata.merge([url, url], out="x")]
     calls += [lambda url: ibdata.generate("siemens-offline", out=url)]
     for i, call in enumerate(calls):
         with pytest.raises(IbdataError) as error:
@@ -160,18 +153,8 @@ class Broken:
         raise RuntimeError("the plug-in failed\nin many lines")
 
 
-class Torn:
-    """A file that can be opened but not read."""
-
-    closed, readable = False, lambda self: True
-    close = flush = lambda self: None
-    seek = tell = size = read = lambda self, *args: Broken(None, "")._raise()
-
-
 BROKEN = {
     "open": ("open_input_file", lambda url: ibdata.open(url)),
-    "read": ("torn", lambda url: ibdata.open(url)),
-    "rows": ("torn rows", lambda url: ibdata.open(url).table()),
     "list": ("get_file_info", lambda url: ibdata.validate(url)),
     "write": ("open_output_stream", lambda url: four_shards_at(f"{url}-new")),
     "list before writing": ("get_file_info", lambda url: four_shards_at(f"{url}-new")),
@@ -183,11 +166,6 @@ def test_an_error_of_a_plug_in_is_one_line(url, monkeypatch, method, call):
     four_shards_at(url)
     files, base = FileSystem.from_uri(url)
     broken = Broken(files, method)
-    if method.startswith("torn"):
-        rows = method == "torn rows"
-        broken.open_input_file = lambda path: (
-            PythonFile(Torn(), "r") if path.endswith(".parquet") or not rows else files.open_input_file(path)
-        )
     found = lambda given: (broken, given.removeprefix(url).join([base, ""]))  # noqa: E731
     monkeypatch.setattr(storage, "_file_system", found)
     with pytest.raises(IbdataError, match=r"^file://.*: .*the plug-in failed(;|$)") as error:

@@ -15,7 +15,6 @@ import pytest
 import ibdata
 from ibdata._system.lock import locked
 from ibdata.errors import BusyError, DatasetError, UsageError
-from ibdata.experiment.catalogue import full_name, shipped
 from ibdata.tools import make as room
 
 
@@ -35,8 +34,10 @@ def cache(tmp_path, monkeypatch):
     return tmp_path / "cache/datasets"
 
 
-def test_a_set_is_made_once_and_then_opened(cache):
+def test_a_set_is_made_once_and_then_opened(cache, capsys):
     environment, train, validation = ibdata.make("random", history=3)
+    line = "ibdata: random: trains at 10 … 100, validates at 10 … 100; setpoint= is the environment's alone"
+    assert line in capsys.readouterr().err
     assert environment == "environment"
     assert (train["observations"].shape, validation["observations"].shape) == ((40, 18), (40, 18))
     made = (cache / "random/meta/manifest.json").stat()
@@ -46,15 +47,6 @@ def test_a_set_is_made_once_and_then_opened(cache):
     _, other, _ = ibdata.make("random", seed=1)
     assert other["rewards"].tolist() != train["rewards"].tolist()
     assert sorted(path.name for path in cache.glob("[!.]*")) == ["random", "random-seed-1"]
-
-
-def test_other_content_in_the_cache_is_made_again(cache):
-    ibdata.generate(ibdata.load("random", {"steps": 3}), cache / "random")
-    _, train, _ = ibdata.make("random")
-    assert len(train["rewards"]) == 40
-    ibdata.generate(ibdata.load("random", {"steps": 3}, 1), cache / "random-seed-1")
-    _, train, _ = ibdata.make("random", seed=1)
-    assert len(train["rewards"]) == 40
 
 
 def test_a_content_root_may_be_asked_for(cache, monkeypatch):
@@ -73,7 +65,6 @@ def test_a_content_root_may_be_asked_for(cache, monkeypatch):
 def test_the_canonical_roots_are_those_of_the_list():
     assert room.canonical_root("random", ibdata.load("random")).startswith("566ea3f2")
     assert room.canonical_root("random", ibdata.load("random", seed=1)) is None
-    assert full_name("name", "optimized-40", list(shipped())) == "siemens-offline/optimized-40"
     with pytest.raises(UsageError, match=r"found 'randm'; did you mean 'random'"):
         ibdata.make("randm")
 
@@ -106,28 +97,25 @@ def flipped(path):
     path.write_bytes(data)
 
 
-DAMAGES = {
-    "flipped": ("data/*.parquet", flipped),
-    "no manifest": ("meta/manifest.json", Path.unlink),
-    "no splits": ("meta/splits.json", Path.unlink),
-    "a stranger's": ("data", lambda path: (path / "x.parquet").write_text("")),
-    "a file": ("", lambda path: (shutil.rmtree(path), path.write_text(""))),
-}
+DAMAGES = [
+    ("data/*.parquet", flipped),
+    ("meta/manifest.json", Path.unlink),
+    ("meta/splits.json", Path.unlink),
+    ("data", lambda path: (path / "x.parquet").write_text("")),
+    ("", lambda path: (shutil.rmtree(path), path.write_text(""))),
+    ("", lambda path: ibdata.generate(ibdata.load("random", {"steps": 3}), path, overwrite=True)),
+]
 
 
-@pytest.mark.parametrize(("where", "damage"), DAMAGES.values(), ids=DAMAGES)
-def test_a_damaged_set_in_the_cache_is_made_again(cache, where, damage):
+def test_a_damaged_set_in_the_cache_is_made_again(cache):
     _, train, _ = ibdata.make("random")
-    damage(next(cache.glob(f"random/{where}".rstrip("/"))))
-    _, again, _ = ibdata.make("random")
-    assert np.array_equal(again["observations"], train["observations"])
+    for where, damage in DAMAGES:
+        damage(next(cache.glob(f"random/{where}".rstrip("/"))))
+        _, again, _ = ibdata.make("random")
+        assert np.array_equal(again["observations"], train["observations"])
     assert ibdata.validate(cache / "random") == []
-
-
-def test_a_line_says_at_which_setpoints_the_rows_are(cache, capsys):
-    ibdata.make("random")
-    line = "ibdata: random: trains at 10 … 100, validates at 10 … 100; setpoint= is the environment's alone"
-    assert line in capsys.readouterr().err
+    ibdata.generate(ibdata.load("random", {"steps": 3}, 1), cache / "random-seed-1")
+    assert len(ibdata.make("random", seed=1)[1]["rewards"]) == 40
 
 
 def test_the_declared_test_episodes_of_a_shipped_set_are_never_used(tmp_path):
@@ -141,34 +129,22 @@ def test_the_declared_test_episodes_of_a_shipped_set_are_never_used(tmp_path):
         assert points[0] == points[1] == np.unique(dataset.episodes["setpoint"]).tolist()
 
 
-@pytest.mark.parametrize(
-    ("changes", "train", "validation"),
-    [
-        ({"setpoints": [20.0, 70.0], "episodes": 3}, [0, 1, 3, 4], [2, 5]),
-        ({"setpoints": [20.0, 70.0], "episodes": 1}, [0], [1]),
-        ({"setpoints": [20.0, 70.0], "episodes": 1, "policies": ["random", "safe"]}, [0, 1], [2, 3]),
-        ({"episodes": 2, "policies": ["random", "safe"]}, [0, 2], [1, 3]),
-        (
-            {
-                "setpoints": [20.0, 70.0],
-                "episodes": 3,
-                "splits": {"test": {"setpoint": 70, "episodes": {"start": 1, "stop": 2}}},
-            },
-            [0, 1, 3],
-            [2],
-        ),
-        ({"setpoints": [20.0, 70.0], "episodes": 20}, [*range(18), *range(20, 38)], [18, 19, 38, 39]),
-        (
-            {
-                "episodes": 20,
-                "splits": {"train": {"episodes": "first 50%"}, "test": {"episodes": "last 50%"}},
-            },
-            range(9),
-            [9],
-        ),
-        ({"episodes": 5, "splits": {"validation": {"episodes": "last 60%"}}}, [0, 1], [2, 3, 4]),
-    ],
-)
+TWO = {"setpoints": [20.0, 70.0]}
+LAST_AT_70 = {"test": {"setpoint": 70, "episodes": {"start": 1, "stop": 2}}}
+HALVES = {"train": {"episodes": "first 50%"}, "test": {"episodes": "last 50%"}}
+PARTS = [
+    ({**TWO, "episodes": 3}, [0, 1, 3, 4], [2, 5]),
+    ({**TWO, "episodes": 1}, [0], [1]),
+    ({**TWO, "episodes": 1, "policies": ["random", "safe"]}, [0, 1], [2, 3]),
+    ({"episodes": 2, "policies": ["random", "safe"]}, [0, 2], [1, 3]),
+    ({**TWO, "episodes": 3, "splits": LAST_AT_70}, [0, 1, 3], [2]),
+    ({**TWO, "episodes": 20}, [*range(18), *range(20, 38)], [18, 19, 38, 39]),
+    ({"episodes": 20, "splits": HALVES}, range(9), [9]),
+    ({"episodes": 5, "splits": {"validation": {"episodes": "last 60%"}}}, [0, 1], [2, 3, 4]),
+]
+
+
+@pytest.mark.parametrize(("changes", "train", "validation"), PARTS)
 def test_episodes_to_train_and_to_validate_on(describe, tmp_path, changes, train, validation):
     usual = {"setpoints": 70.0, "steps": 2, "policies": ["random"], "splits": {}}
     dataset = ibdata.generate(describe(**{**usual, **changes}), tmp_path / "made")
