@@ -65,9 +65,8 @@ def test_weights_that_overflow_have_no_estimate():
     ratios.recorded[0] = 20.0
     found = of_ratios("x", ratios, np.ones((3, 50)), 1.0)
     assert [r.mean_return for r in found.results] == [pytest.approx(50.0), None, None]
-    assert (
-        found.notes[0]
-        == "warning: some weights are larger than any number, so only the weighted estimate is there"
+    assert found.notes[0].startswith(
+        "warning: some weights are larger than any number, so only the weighted "
     )
 
 
@@ -87,9 +86,8 @@ def test_errors_equal_the_jackknife():
 
 def warned_of(found):
     """The methods whose estimates have a warning of their own."""
-    return [
-        each.method for each in found.results if re.search(f"(: |; ){each.method} ", "\n".join(found.notes))
-    ]
+    said = "\n".join(found.notes)
+    return [each.method for each in found.results if re.search(f"(: |; ){each.method} ", said)]
 
 
 def test_an_estimate_that_lacks_rare_episodes_is_named():
@@ -196,8 +194,6 @@ def test_a_density_is_0_at_point_masses_it_lacks(dataset):
 
 ANSWERS = [
     ("log_density", lambda self, action: np.zeros((len(action), 1)), r"log densities of shape \(\d+, 1\)"),
-    ("log_density", lambda self, action: np.full(len(action), np.inf), "found the log density inf at "),
-    ("log_density", lambda self, action: None, "found None, expected log densities"),
     ("log_density", lambda self, action: action[:, 5], "test_importance.py:[0-9]+: IndexError"),
     ("atoms", lambda self, action: np.zeros(len(action), bool), r"found atoms of bool and shape \(\d+,\)"),
     ("sample", lambda self, u: u[:, :2], r"found actions of shape \(\d+, 2\)"),
@@ -237,10 +233,8 @@ def test_episodes_chosen_by_their_returns_are_refused(dataset):
         with pytest.raises(UsageError, match=r"^returns: found episodes that were chosen by"):
             ibdata.importance(chosen, "random")
     ibdata.importance(dataset.select(episodes=range(40, 80)), "random")
-    everything = ibdata.importance(dataset.select(returns=(None, 0.0)), "random")
-    assert everything.plain() == ibdata.importance(dataset, "random").plain(), (
-        "limits that exclude nothing choose nothing"
-    )
+    everything = dataset.select(returns=(None, 0.0))  # limits that exclude nothing choose nothing
+    assert ibdata.importance(everything, "random").plain() == ibdata.importance(dataset, "random").plain()
 
 
 def test_episodes_of_different_lengths_are_refused(dataset, tmp_path):

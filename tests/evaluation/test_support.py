@@ -84,17 +84,10 @@ def test_the_page_says_which_pairs_have_support():
 
 
 @pytest.mark.parametrize(
-    ("name", "target"),
-    [
-        ("random", "safe"),
-        ("safe", "gaussian"),
-        ("random", "bad"),
-        ("bad", "random"),
-        ("mixture", "safe"),  # in an episode of random
-        ("schedule", "gaussian"),
-    ],
+    ("name", "target"), [("random", "safe"), ("bad", "random"), ("mixture", "safe"), ("schedule", "gaussian")]
 )
 def test_actions_that_the_data_never_have_are_named(name, target):
+    """Those of a mixture in an episode of random."""
     with pytest.raises(UsageError) as error:
         few(name).importance(POLICY[target])
     found = re.fullmatch(

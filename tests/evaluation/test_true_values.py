@@ -58,7 +58,7 @@ def replayed(ds, episode, step, branch, actions, discount=0.97, seed=0):
     return total
 
 
-@pytest.mark.parametrize("discount", [1.0, 0.97, 0.0])
+@pytest.mark.parametrize("discount", [0.97, 0.0])
 def test_a_branch_goes_on_with_noise_of_its_own(either, discount):
     """Also where setpoints move."""
     found = branches(either, {"episode": [4, 9], "step": [17, 0]}, NUDGE, discount=discount, seed=3)
