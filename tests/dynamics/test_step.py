@@ -104,13 +104,8 @@ def test_the_interpreted_run_has_the_bits_of_the_compiled_one():
     """The child turns the compiler off (or on, where this process has it off) and must find it so."""
     other = "0" if numba.config.DISABLE_JIT else "1"
     path = os.pathsep.join([str(Path(ibdata.__file__).parents[1]), str(ROOT / "tests")])
-    child = subprocess.run(
-        [sys.executable, "-W", "error", "-c", CHILD, other],
-        env=os.environ | {"NUMBA_DISABLE_JIT": other, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    env = os.environ | {"NUMBA_DISABLE_JIT": other, "PYTHONPATH": path}
+    command = [sys.executable, "-W", "error", "-c", CHILD, other]
+    child = subprocess.run(command, env=env, capture_output=True, text=True, timeout=120)
     assert child.returncode == 0, child.stderr
     assert child.stdout.strip() == tape.digest()

@@ -61,22 +61,14 @@ def test_a_lane_is_the_same_alone_and_among_others(setpoint, start):
                 assert value[0] == together.info()[name][lane]
 
 
+TROUBLES = {"delay": {"obs_fatigue": 2}, "noise": {"obs_consumption": 1.0}, "missing": {"obs_velocity": 0.3}}
+TROUBLES |= {"mask": True}
 VIEWS = {
     "markov": {"history": 3, "view": {"observe": "markov", "actions": True}},
-    "troubles": {
-        "view": {
-            "imperfections": {
-                "delay": {"obs_fatigue": 2},
-                "noise": {"obs_consumption": 1.0},
-                "missing": {"obs_velocity": 0.3},
-                "mask": True,
-            }
-        }
-    },
+    "troubles": {"view": {"imperfections": TROUBLES}},
     "derived": {"view": {"observe": ["latent_penalty", "obs_gain"], "reward": "delta", "reward_scale": 0.5}},
     "drifting": {"setpoint": "drifting", "view": {"observe": "markov", "reward": {"fatigue": 1}}},
-    "uniform": {"start": "uniform", "setpoint": "drifting", "history": 3, "view": {"reward_scale": 0.1}},
-    "burn-in": {"start": {"burn_in": [0, 7]}, "history": 3},
+    "burn-in": {"start": {"burn_in": [0, 7]}, "history": 3, "view": {"reward_scale": 0.1}},
 }
 
 

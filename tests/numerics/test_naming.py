@@ -61,7 +61,7 @@ def test_every_reader_of_yaml_finds_the_names_as_text(reader):
 
 
 @given(st.lists(SETPOINTS, min_size=2, max_size=9, unique=True))
-@tries(100)
+@tries(60)
 @example([50.0, 50.0000001, 50.0000002, 60.0, 12.5])
 def test_no_two_folds_have_one_name_and_each_may_name_a_split(setpoints):
     folds = leave_one_out(DatasetSpec.of(described(setpoints=setpoints)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -15,63 +15,30 @@ from ibdata._simulation.unroll import unroll
 from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import episodes_of, rollout
-from ibdata.policies import Decision, Distribution, Policy
+from ibdata.policies import Decision, Policy
 
 STEPS = 30
+RANDOM_AND_SAFE = Experiment(
+    name="x", setpoints=[0, 33, 100], policies=["random", "safe"], episodes=2, steps=STEPS, start="uniform"
+)
 
 
-def described(**changes):
-    plain = {
-        "name": "tested",
-        "setpoints": [0.0, 33.0, 100.0],
-        "policies": [{"kind": "random"}, {"kind": "safe"}],
-        "episodes": 2,
-        "steps": STEPS,
-        "start": "uniform",
-        "output": {"dtype": "float64"},
-    }
-    return Experiment.model_validate({**plain, **changes})
+def test_clipped_actions_are_counted_once_a_row():
+    class Returning(Policy):
+        kind: Literal["returning"] = "returning"
 
+        def decide(self, given):
+            action = np.zeros((len(given.step), 3))
+            action[0], action[1, 2], action[2] = 2.0, -1.5, 1.0
+            return Decision(action, given.memory)
 
-def with_policies(*policies, **changes):
-    return Experiment.model_construct(**{**described(**changes).options(), "policies": list(policies)})
-
-
-class Stated(Distribution):
-    """Actions with the density that the test gives."""
-
-    def __init__(self, actions, density):
-        self.actions, self.density = actions, density
-
-    def sample(self, u):
-        return self.actions
-
-    def log_density(self, action):
-        return self.density(len(action))
-
-
-class Returning(Policy):
-    """The answers that the test gives."""
-
-    answer: ClassVar[object] = None
-    density: ClassVar[object] = staticmethod(np.zeros)
-
-    kind: Literal["returning"] = "returning"
-
-    def decide(self, given):
-        return Decision(Stated(self.answer(len(given.step)), self.density), given.memory)
-
-
-def test_clipped_actions_are_counted_once_a_row(monkeypatch):
-    def answer(n):
-        action = np.zeros((n, 3))
-        action[0], action[1, 2], action[2] = 2.0, -1.5, 1.0
-        return action
-
-    monkeypatch.setattr(Returning, "answer", staticmethod(answer))
-    assert rollout(with_policies(Returning()), 0, 6).clipped == 2 * STEPS
-    assert rollout(described(), 0, 6).clipped == 0  # random actions
-    assert rollout(described(), 0, 12).clipped == rollout(described(), 6, 12).clipped > 0
+    options = {**RANDOM_AND_SAFE.options(), "policies": [Returning()]}
+    assert rollout(Experiment.model_construct(**options), 0, 6).clipped == 2 * STEPS
+    of_random, of_safe, of_both = (
+        rollout(RANDOM_AND_SAFE, first, stop).clipped for first, stop in ((0, 6), (6, 12), (0, 12))
+    )
+    assert (of_random, of_both) == (0, of_safe)
+    assert of_safe > 0
 
 
 def test_an_error_of_several_steps_names_its_own(monkeypatch):
