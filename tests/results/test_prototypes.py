@@ -43,7 +43,9 @@ def test_the_runs_are_those_of_the_plan_in_its_order():
         assert [evaluated.settings for evaluated in line.evaluations] == expected
 
 
-@pytest.mark.parametrize("name", ["safe", "transfer", "setpoints/expert"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("safe", marks=pytest.mark.slow), "transfer", "setpoints/expert"]
+)
 def test_the_behaviour_is_played_again_with_the_same_returns(name):
     [shipped] = [line for line in LINES if (line.set, line.algorithm) == (name, "behaviour")]
     again = script("prototypes").known(Run(name, NOTHING, "behaviour", None))
