@@ -1,11 +1,9 @@
 """Modules of torch are evaluated as they are, and its loaders read windows."""
 
 import numpy as np
-import pytest
 import torch
 
 import ibdata
-from ibdata.errors import PolicyError
 
 FEW = {"episodes": 5, "steps": 20}
 
@@ -46,18 +44,6 @@ def test_tensors_of_every_kind_are_actions():
     kinds = (torch.float64, torch.float32, torch.bfloat16, torch.int64)
     found = ibdata.evaluate([*map(answer, kinds), "constant"], **FEW)
     assert (found.returns == found.returns[-1]).all()
-
-
-def test_a_batch_norm_that_was_left_in_training_mode_is_refused():
-    net = torch.nn.Sequential(torch.nn.BatchNorm1d(6), torch.nn.Linear(6, 3))
-
-    class Training:
-        def predict(self, observations):
-            return net.train()(torch.from_numpy(observations))
-
-    with pytest.raises(PolicyError, match=r"policy training: found other actions .* in another order"):
-        ibdata.evaluate(Training(), **FEW)
-    assert len(ibdata.evaluate(net, **FEW).results) == 1  # a module is asked in evaluation mode
 
 
 def test_a_loader_reads_windows_as_the_arrays_show_them(tmp_path):
