@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
-import types
 from typing import Literal
 
 import numpy as np
@@ -83,91 +80,6 @@ def test_a_density_of_another_form_is_refused_with_a_hint():
         other = type("Other", (Predicting,), {method: lambda self, *_: None})()
         with pytest.raises(UsageError, match=f"Other: found {method}, expected decide to return Decision\\("):
             as_policy(other)
-
-
-class Tensor:
-    """A stand-in for torch's tensors, which numpy cannot convert by itself."""
-
-    def __init__(self, array):
-        self.array, self.dtype, self.device = array, array.dtype, "here"
-
-    def __array__(self, *args, **options):
-        raise RuntimeError("Can't call numpy() on Tensor that requires grad.")
-
-    def to(self, device):
-        assert device == "here"
-        return self
-
-    is_floating_point = bool
-
-    def double(self):
-        return Tensor(self.array.astype(np.float64))
-
-    def numpy(self, force):
-        assert force
-        return self.array
-
-
-class Module:
-    """A stand-in for torch's modules."""
-
-    def __init__(self, *parts):
-        self.training, self.parts = True, parts
-
-    def modules(self):
-        return [self, *self.parts]
-
-    def parameters(self):
-        return iter([Tensor(np.zeros(1))])
-
-    def buffers(self):
-        return iter([])
-
-    def train(self, mode):
-        for part in self.modules():
-            part.training = mode
-
-
-@pytest.fixture
-def gradients(monkeypatch):
-    """A stand-in for torch; whether gradients are computed, now."""
-    on = [True]
-
-    @contextlib.contextmanager
-    def no_grad():
-        on[0] = False
-        try:
-            yield
-        finally:
-            on[0] = True
-
-    nn = types.SimpleNamespace(Module=Module)
-    torch = types.SimpleNamespace(nn=nn, Tensor=Tensor, from_numpy=Tensor, no_grad=no_grad)
-    monkeypatch.setitem(sys.modules, "torch", torch)
-    monkeypatch.setitem(sys.modules, "torch.nn", nn)
-    return on
-
-
-@pytest.mark.parametrize("fails", [False, True])
-def test_a_torch_module_is_left_as_it_was(gradients, fails):
-    class Net(Module):
-        def __call__(self, seen):
-            assert (type(seen), seen.dtype) == (Tensor, np.float32)
-            assert not gradients[0]
-            assert not any(part.training for part in self.modules())
-            if fails:
-                raise RuntimeError("mat1 and mat2")
-            return Tensor(seen.array[:, 1:4])
-
-    frozen, other = Module(), Module()
-    frozen.training = False
-    net = Net(frozen, other)
-    if fails:
-        with pytest.raises(AnswerError, match="mat1 and mat2; it was given observations"):
-            asked(net)
-    else:
-        np.testing.assert_array_equal(asked(net), HISTORY[:, 0, 1:4])
-    assert (net.training, frozen.training, other.training) == (True, False, True)
 
 
 class Named(Policy):

@@ -1,6 +1,5 @@
 """Networks of Stable-Baselines3, d3rlpy and plain torch act in ibdata as they do in their library."""
 
-
 import d3rlpy
 import numpy as np
 import pytest

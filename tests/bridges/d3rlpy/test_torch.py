@@ -1,9 +1,11 @@
 """Modules of torch are evaluated as they are, and its loaders read windows."""
 
 import numpy as np
+import pytest
 import torch
 
 import ibdata
+from ibdata.errors import PolicyError
 
 FEW = {"episodes": 5, "steps": 20}
 
@@ -33,6 +35,8 @@ def test_a_module_gets_the_returns_of_the_function_that_it_is():
 
     found = ibdata.evaluate({"net": net, "by hand": by_hand}, **FEW)
     np.testing.assert_allclose(found.returns[0], found.returns[1], rtol=1e-4)
+    with pytest.raises(PolicyError, match=r"mat1 and mat2 .*; it was given observations \(32, 12\)"):
+        ibdata.evaluate(net, history=2, **FEW)
     assert [part.training for part in net.body] == [True, False, True, True]
     assert torch.is_grad_enabled()
 
