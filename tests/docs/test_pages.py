@@ -63,12 +63,9 @@ def test_the_experiment_that_is_explained_is_valid(tmp_path):
     assert experiment.labels == ("random", "safe", "constant", "bad", "explored", "gaussian")
 
 
-def test_every_shipped_experiment_is_named():
+def test_every_shipped_experiment_is_named_and_every_policy_that_is_named_exists():
     for name in {name.partition("/")[0] for name in shipped()} | set(suites()):
         assert f"| `{name}` |" in PAGES["experiments.md"], name
-
-
-def test_every_policy_that_is_named_exists():
     assert set(re.findall(r"\bkind: ([a-z_]+)\b", "".join(PAGES.values()))) <= set(POLICIES)
 
 

@@ -54,12 +54,6 @@ def test_a_direction_by_hand(before, he, after):
     assert update_direction(*before, he) == after
 
 
-def test_the_safe_zone_is_the_rounded_value_of_its_formula():
-    with mpmath.workdps(50):
-        assert float(mpmath.sin(mpmath.pi / 12) / 2) == SAFE_ZONE  # 15° = π/12
-    assert round(SAFE_ZONE, 4) == 0.1294  # the paper prints 0.1309, which is π/24
-
-
 def constants():
     """α, β, κ of Eqs. (34) to (39)."""
     epsilon = mp.cbrt(1 + mp.sqrt(2)) / mp.sqrt(3)
@@ -84,13 +78,10 @@ def radii(phi):
     return rho_s, max(rho_s, mp.sin(mp.pi / 12)), r_min  # 2 z = sin 15°
 
 
-def test_the_constants_are_the_rounded_values_of_the_appendix():
-    alpha, beta, kappa = constants()
-    assert (float(alpha), float(beta), float(kappa)) == (ALPHA, BETA, KAPPA)
+def test_constants_and_tables_are_the_rounded_values_of_the_appendix():
+    assert tuple(map(float, (mp.sin(mp.pi / 12) / 2, *constants()))) == (SAFE_ZONE, ALPHA, BETA, KAPPA)  # 15°
+    assert round(SAFE_ZONE, 4) == 0.1294  # the paper prints 0.1309, which is π/24
     assert [round(x, 10) for x in (ALPHA, BETA, KAPPA)] == [0.5849066324, 0.2924533162, -0.6367656874]
-
-
-def test_the_tables_are_the_rounded_values_of_the_appendix():
     rows = []
     for phi in range(7):
         rho_s, r_opt, r_min = radii(phi)

@@ -79,14 +79,6 @@ class Seeing:
         return np.zeros((len(observations), 3))
 
 
-def test_a_tuple_is_actions_and_a_state():
-    def three(observations):
-        return tuple(np.ones(len(observations), dtype=np.int64) for _ in range(3))
-
-    with pytest.raises(PolicyError, match="found a tuple of 3, expected actions, or actions and a state"):
-        evaluate(three, steps=3, episodes=2)
-
-
 def test_policies_may_have_own_labels_and_histories():
     own = Seeing(40)
     own.needs = Needs(history=40)

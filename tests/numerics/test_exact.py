@@ -119,8 +119,5 @@ def test_the_error_of_the_cosine_is_below_that_of_a_double():
     with mpmath.workprec(120):
         errors = [abs(mpmath.cospi(2 * mpmath.mpf(float(x))) - mpmath.mpf(float(cosine(x)))) for x in TURNS]
     assert max(errors) < 2e-16
-
-
-def test_the_constant_is_its_formula_rounded_to_a_double():
     with mpmath.workprec(200):
         assert float(2 * mpmath.pi) == TWO_PI

@@ -37,12 +37,6 @@ def test_what_is_remembered_is_the_same_in_any_block(make, monkeypatch):
     check_policy(policy, checked.histories(4, 1))
 
 
-def test_a_live_object_has_the_same_random_numbers_at_each_call():
-    block = {"kind": "custom", "target": Resetting(), "draws": 3}
-    for each in (block, {"kind": "sticky", "base": block, "kappa": 0.2}):
-        assert returns(each) == returns(each)
-
-
 def test_a_state_is_that_of_the_step_before():
     policy = Recurrent()
     returns(policy, steps=4)

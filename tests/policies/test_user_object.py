@@ -65,6 +65,7 @@ def test_what_is_given_may_be_changed_and_is_a_copy(target):
     [
         (lambda seen: seen[:, :2], "found actions of shape (5, 2), expected actions of shape (5, 3)"),
         (lambda seen: "up", "found 'up', expected actions of shape (5, 3)"),
+        (lambda seen: (1, 2, 3), "found a tuple of 3, expected actions, or actions and a state"),
         (lambda seen: seen[9], "IndexError: index 9 is out of bounds for axis 0 with size 5"),
     ],
 )

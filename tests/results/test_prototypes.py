@@ -20,13 +20,10 @@ PAGE = (ROOT / "docs/prototypes.md").read_text(encoding="utf-8")
 MEASURED = json.loads((ROOT / "docs/prototypes.json").read_text(encoding="utf-8"))
 
 
-def test_the_page_shows_the_runs():
+def test_the_page_and_the_tables_beside_it_show_the_runs():
     for kind, block in page.blocks(LINES).items():
         shown = PAGE.partition(f"<!-- {kind} -->\n")[2].partition(f"\n<!-- /{kind} -->")[0]
         assert shown == f"\n{block}\n", kind
-
-
-def test_the_tables_beside_the_page_are_those_of_the_runs():
     assert page.beside(LINES, MEASURED) == MEASURED["tables"]
 
 

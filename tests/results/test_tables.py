@@ -57,11 +57,6 @@ def test_at_reduced_size_an_experiment_has_the_stored_root(name):
     assert canonical.root(ibdata.load(name).part(**canonical.SMALL)) == CANONICAL[name]["small_root"]
 
 
-def test_the_release_makes_all_sets_in_full():
-    release = (ROOT / "scripts/release").read_text(encoding="utf-8")
-    assert re.search(r"canonical.*\ngit diff --exit-code", release, re.DOTALL)
-
-
 def test_other_documents_name_the_same_roots():
     assert CANONICAL["random"]["content_root"] in page("reproducibility").partition("<!--")[0]
     whole = {name: q for name, q in QUALITY.items() if q["episodes"] == CANONICAL[name]["episodes"]}
