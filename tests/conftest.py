@@ -1,4 +1,4 @@
-"""Fixtures for all tests: the installed command, files of datasets, and recorded episodes."""
+"""Fixtures for all tests: the installed command, and files of datasets."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ import subprocess
 import sysconfig
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from helpers import FULL
-from helpers.by_hand import recorded_episode
 from helpers.folders import seal
 
 from ibdata.dataset import manifest
@@ -116,27 +114,3 @@ def global_generator() -> Iterator[None]:
     before = np.random.get_state()  # noqa: NPY002
     yield
     np.random.set_state(before)  # noqa: NPY002
-
-
-EPISODES: dict[str, dict[str, Any]] = {
-    "constant": {"setpoint": 70.0},
-    "paper, uniform": {"setpoint": 20.0, "dynamics": "paper", "start": "uniform"},
-    "drifting": {"setpoint": {"drifting": 50.0}},
-    "drifting, burn-in": {
-        "setpoint": {"drifting": 95.0},
-        "start": {"burn_in": [3, 40]},
-        "dynamics": {"base": "paper", "eta_mean": 0.1},
-    },
-}
-
-
-@pytest.fixture(params=EPISODES, scope="session")
-def case(request: pytest.FixtureRequest) -> dict[str, Any]:
-    """Settings for both an environment and a dataset."""
-    return EPISODES[request.param]
-
-
-@pytest.fixture(scope="session")
-def recorded(case: dict[str, Any]) -> Any:
-    """An episode of a dataset with these settings; see `helpers/by_hand.py`."""
-    return recorded_episode(**case)
