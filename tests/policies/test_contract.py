@@ -21,13 +21,6 @@ from ibdata.policies import POLICIES, Decision, Policy
 from ibdata.testing import check_policy
 
 pytestmark = pytest.mark.usefixtures("network_here")
-blocks = pytest.mark.parametrize("block", BLOCKS)
-
-
-@pytest.mark.slow
-@blocks
-def test_it_passes_the_published_checks(block):
-    check_policy(policy_of(block))
 
 
 FITTING = {
@@ -54,12 +47,12 @@ def at_both_ends():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", list(at_both_ends()))
-def test_it_passes_them_at_both_ends_of_each_option(block):
+@pytest.mark.parametrize("block", [*BLOCKS, *at_both_ends()])
+def test_it_passes_the_published_checks_also_at_both_ends_of_each_option(block):
     check_policy(policy_of(block))
 
 
-@blocks
+@pytest.mark.parametrize("block", BLOCKS)
 def test_it_is_an_immutable_block_that_shows_what_differs_from_defaults(block, tmp_path):
     policy = policy_of(block)
     made = Experiment(name="x", setpoints=70.0, policies=[policy])
