@@ -94,22 +94,6 @@ def test_a_mistake_is_one_line_that_says_what_is_meant(tmp_path):
         assert meant in refusal(lambda call=call: call(dataset))
 
 
-def test_numbers_of_numpy_are_those_of_python():
-    for kind in (lambda x: np.asarray(x)[()], np.array):  # scalars, and arrays without an axis
-
-        def returns(number):
-            options = {"steps": number(3), "discount": number(0.5), "episodes": number(2), "seed": number(4)}
-            start = {"burn_in": [number(1), number(2)]}
-            return ibdata.evaluate("safe", number(70), **options, start=start).returns
-
-        np.testing.assert_equal(returns(kind), returns(lambda x: x))
-        exact, given = (
-            view_options(imperfections={"noise": {"obs_gain": number(0.5)}, "seed": number(3)})
-            for number in (lambda x: x, kind)
-        )
-        assert given == exact
-
-
 def test_the_signatures_and_help_are_those_of_the_functions():
     for name, function in FUNCTIONS.items():
         assert function.__wrapped__.__name__ == function.__name__ == name.rpartition(".")[2]

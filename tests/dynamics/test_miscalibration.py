@@ -38,22 +38,6 @@ def test_the_direction_turns_as_printed():
         assert update_direction(*before) == printed.latents_of_miscalibration(*before), before
 
 
-@pytest.mark.parametrize(
-    ("before", "he", "after"),
-    [
-        ((1, 1, 4), SAFE_ZONE, (1, 1, 3)),  # |hᵉ| = z is still safe: back towards 0
-        ((1, -1, 4), 0.5, (1, -1, 3)),  # ψ̂ · sgn(hᵉ)
-        ((-1, -1, 4), 0.5, (1, 1, 5)),  # another domain begins with an advantageous response
-        ((1, -1, -6), 0.5, (1, -1, -6)),  # held at the opposite bound -6 δ̂
-        ((1, 1, 6), 0.5, (1, -1, 5)),  # φ̂ = 7 is reflected: 12 - ((7 + 24) mod 24)
-        ((1, -1, -6), -1.0, (-1, -1, -5)),
-        ((-1, -1, -1), 0.0, (1, 1, 0)),  # reset
-    ],
-)
-def test_a_direction_by_hand(before, he, after):
-    assert update_direction(*before, he) == after
-
-
 def constants():
     """α, β, κ of Eqs. (34) to (39)."""
     epsilon = mp.cbrt(1 + mp.sqrt(2)) / mp.sqrt(3)

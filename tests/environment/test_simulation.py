@@ -32,35 +32,6 @@ def random_tape(lanes, seed=0):
     return Tape(np.random.Philox(seed).random_raw(lanes * 4000).reshape(lanes, 4000))
 
 
-@pytest.mark.parametrize(
-    ("setpoint", "start"), [(70, "default"), ("drifting", "uniform"), ("drifting", {"burn_in": [0, 7]})]
-)
-def test_a_lane_is_the_same_alone_and_among_others(setpoint, start):
-    given = settings(setpoint=setpoint, start=start, history=3)
-    together, tape = Simulation(given, 3), random_tape(3)
-    alone = [(Simulation(given, 1), Tape(tape.integers[lane])) for lane in range(3)]
-    action = np.random.default_rng(0).uniform(-1, 1, (40, 3, 3)).astype(np.float32)
-    together.reset(together.everyone, tape)
-    for simulation, own in alone:
-        simulation.reset(simulation.everyone, own)
-    for t in range(40):
-        moving = np.array([lane for lane in range(3) if t % (lane + 2)])
-        resting = np.setdiff1d(np.arange(3), moving)
-        if len(moving):
-            rewards = together.step(moving, action[t, moving], tape)
-        if t % 5 == 0 and len(resting):
-            together.reset(resting, tape)
-        for lane, (simulation, own) in enumerate(alone):
-            if lane in moving:
-                [reward] = simulation.step(simulation.everyone, action[t, [lane]], own)
-                assert reward == rewards[moving == lane]
-            elif t % 5 == 0:
-                simulation.reset(simulation.everyone, own)
-            assert simulation.observations()[0].tolist() == together.observations()[lane].tolist()
-            for name, value in simulation.info().items():
-                assert value[0] == together.info()[name][lane]
-
-
 TROUBLES = {"delay": {"obs_fatigue": 2}, "noise": {"obs_consumption": 1.0}, "missing": {"obs_velocity": 0.3}}
 TROUBLES |= {"mask": True}
 VIEWS = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.policies import distribution, played, playing, ready
+from helpers.policies import distribution, played, playing
 
 from ibdata.policies import POLICIES
 from ibdata.policies.actions import applied
@@ -23,15 +23,6 @@ def test_at_the_first_step_there_is_nothing_to_repeat():
     up = np.full((4, 3), 0.5, np.float32)
     for given in (first, second):  # where the base takes the last action too, the probabilities add
         assert distribution(policy, given).log_density(up).tolist() == [0.0] * 4
-
-
-@pytest.mark.parametrize(
-    ("target", "known"), [("ibdata.policies.baselines:Bad", True), (lambda seen: seen[:, :3] / 100.0, False)]
-)
-def test_a_custom_base_has_the_density_that_it_states(target, known):
-    policy = ready(Sticky(base={"kind": "custom", "target": target}, kappa=0.5))
-    (given, action), *_ = playing(policy, 4, 1)
-    assert np.isfinite(distribution(policy, given).log_density(action)).all() == known
 
 
 @pytest.mark.parametrize(("weights", "share"), [(None, 0.5), ([1.0, 3.0], 0.25)])

@@ -9,15 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from helpers.policies import BLOCKS, log_density_of, policy_of
+from helpers.policies import BLOCKS, policy_of
 from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.policies import POLICIES, Decision, Policy
+from ibdata.policies import POLICIES
 from ibdata.testing import check_policy
 
 pytestmark = pytest.mark.usefixtures("network_here")
@@ -71,17 +70,6 @@ def test_it_is_an_immutable_block_that_shows_what_differs_from_defaults(block, t
         assert json.loads(json.dumps(policy.form())) == block
     if set(block) == {"kind"}:
         assert policy_of({**block, **policy.model_dump(exclude={"name"})}).form() == block
-
-
-def test_a_policy_that_gives_no_density_has_nan():
-    class Silent(Policy):
-        kind: str = "silent"
-
-        def decide(self, given):
-            return Decision(np.zeros((len(given.step), 3)), given.memory)
-
-    density = log_density_of(Silent(), np.zeros((4, 1, 6), np.float32), np.zeros((4, 3), np.float32))
-    assert np.isnan(density).tolist() == [True] * 4
 
 
 RAMP = '''

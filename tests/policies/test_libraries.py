@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from helpers.networks import Model, layers
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.experiment import Experiment
 from ibdata.policies import checked
 from ibdata.policies.libraries import environment_note
 from ibdata.testing import check_policy
@@ -79,19 +77,6 @@ def test_an_environment_that_is_not_known_is_said(env, line):
 
 
 DELAY = {"imperfections": {"delay": {"obs_fatigue": 3}}}
-
-
-def test_an_environment_may_come_after_the_policy_was_made(tmp_path, monkeypatch):
-    """A model is given what its environment makes of observations when it acts."""
-    monkeypatch.chdir(tmp_path)
-    model, env = Model(), vectors([OWN])
-    made = Experiment(name="x", setpoints=70, policies=[model], steps=4)
-    env.normalize = SimpleNamespace(norm_obs=True, normalize_obs=lambda observations: -observations)
-    before, model.env = ibdata.generate(made, "before").to_pandas(), env
-    after = ibdata.generate(made, "after").to_pandas()
-    assert before["act_gain"][0] == -after["act_gain"][0] != 0.0
-    model.env = None  # also where the policy has acted already
-    assert ibdata.generate(made, "again").to_pandas().equals(before)
 
 
 def test_another_view_is_said():

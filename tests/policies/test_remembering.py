@@ -107,20 +107,6 @@ def test_secrets_are_found_before_a_run(make, line):
             call()
 
 
-def test_an_object_that_keeps_the_number_of_episodes_is_refused():
-    class Keeping(Resetting):
-        reset = None
-
-        def act(self, history, u):
-            if not hasattr(self, "x"):
-                Resetting.reset(self, len(u))
-            return self.x
-
-    line = r"found actions of shape \(32, 3\), expected actions of shape \(16, 3\)"
-    with pytest.raises(PolicyError, match=line):
-        returns(Keeping(), episodes=1)
-
-
 @pytest.mark.parametrize(("asked", "steps"), [(0, [5, 5, 5, 5]), (2, [0, 0, 0, 1]), (2, [2, 2])])
 def test_a_remembering_object_is_asked_in_order(asked, steps):
     policy, other = (ready(as_policy(Recurrent())) for _ in range(2))
