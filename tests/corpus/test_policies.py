@@ -1,6 +1,6 @@
 """Misbehaving policies give an error that names policy, episode and step, or the data of a correct policy.
 
-tests/simulation/test_rollout_policies.py has the usual mistakes.
+tests/simulation/test_contract.py has the usual mistakes.
 """
 
 import itertools

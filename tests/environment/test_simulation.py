@@ -1,4 +1,4 @@
-"""The lanes behind the environments, without Gymnasium."""
+"""The lanes behind the environments and their random integers, without Gymnasium."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from helpers import by_hand
 
+from ibdata._numerics.random import Purpose
 from ibdata.dynamics import initial_state
 from ibdata.environment.actions import continuous_action, continuous_actions
 from ibdata.environment.settings import frame_bounds, settings
 from ibdata.environment.simulation import Lane, Simulation
+from ibdata.environment.streams import AHEAD, Streams
 from ibdata.errors import UsageError
 
 pytestmark = pytest.mark.portable
@@ -111,3 +113,21 @@ def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
         UsageError, match="found a state of a constant setpoint; make the environment with setpoint=a"
     ):
         moving.set_state(initial_state([70.0]), moving.everyone, random_tape(1))
+
+
+def test_a_lane_takes_the_integers_of_its_generator_in_order_however_the_others_take_theirs():
+    lanes, chance = 5, np.random.default_rng(0)
+    streams = Streams(lanes)
+    for lane in range(lanes):
+        streams.seed(lane, lane)
+    taken = [[] for _ in range(lanes)]
+    while min(map(len, taken)) <= 2 * AHEAD:
+        which = np.flatnonzero(chance.random(lanes) < 0.6)
+        steps, slots = int(chance.integers(1, 4)), int(chance.choice([1, 4, 8]))
+        drawn = streams.draw(which, Purpose.DYNAMICS, 0, steps, slots)
+        assert drawn.shape == (steps, slots, len(which))
+        for lane, integers in zip(which, drawn.reshape(steps * slots, len(which)).T, strict=True):
+            taken[lane] += integers.tolist()
+    for lane, integers in enumerate(taken):
+        expected = np.random.default_rng(lane).bit_generator.random_raw(len(integers))
+        assert integers == expected.tolist()
