@@ -43,7 +43,8 @@ def beside(tmp_path, monkeypatch):
     return run
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
 def test_a_file_is_found_with_what_it_imports_of_which_an_edit_makes_new_data(beside, tmp_path, workers):
     made = beside("code/own-policy.py:Own", workers=workers)
     assert (made.to_pandas()["act_gain"] == 0.5).all()

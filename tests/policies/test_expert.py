@@ -19,7 +19,7 @@ from ibdata.policies.expert import (
 
 TABLE, RULE = numbers("siemens")
 K = VARIANTS["siemens"].parameters
-SETPOINTS = np.arange(0.0, 101.0, 10.0 if FULL else 25.0)
+SETPOINTS = np.arange(0.0, 101.0, 10.0 if FULL else 50.0)
 STARTS = ["default", "uniform", {"burn_in": [15, 64]}]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from helpers import ROOT, script
 
 from measuring.documents import measured
@@ -21,6 +22,7 @@ MIXED = "`optimized`, 80 % random"
 COSTS = script("costs")
 
 
+@pytest.mark.slow
 def test_rows_are_made_again():
     some = {name: COSTS.POLICIES[name] for name in ("`mediocre`",)}
     again = COSTS.measured(some, **COSTS.SETTINGS).splitlines()

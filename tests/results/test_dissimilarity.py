@@ -29,7 +29,7 @@ def test_another_sample_gives_the_table(dynamics):
     """In `paper`, fatigue knows no setpoint, and consumption differs by at most 4 % more."""
     script, table, more = load("dissimilarity"), listed(), 0.04 if dynamics == "paper" else 0.0
     assert list(table) == list(script.SETPOINTS)
-    found = script.measure(dynamics, script.SOURCE, script.SETPOINTS, n=150, draws=64, seed=1)
+    found = script.measure(dynamics, script.SOURCE, script.SETPOINTS, n=60, draws=64, seed=1)
     for column, ((_, name), values) in enumerate(found.items()):
         if dynamics == "paper" and name == "fatigue":
             assert np.all(values == 0)

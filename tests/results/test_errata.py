@@ -105,7 +105,7 @@ def test_a_number_of_the_prose_is_what_the_code_computes(printed, value):
 
 def measured_again(script, name, p, quantity, drifting=False):
     """A difference to `siemens`, or `siemens` itself, measured with another seed."""
-    options = {"episodes": 200 if drifting else 400, "seed": SEED}
+    options = {"episodes": 100 if drifting else 200, "seed": SEED}
     base = script.measure("siemens", p, drifting, **options)[quantity]
     if name == "siemens":
         return base

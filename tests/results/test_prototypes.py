@@ -41,7 +41,7 @@ def test_the_runs_are_those_of_the_plan_in_its_order():
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param("safe", marks=pytest.mark.slow), "transfer", "setpoints/expert"]
+    "name", ["transfer", *(pytest.param(x, marks=pytest.mark.slow) for x in ("safe", "setpoints/expert"))]
 )
 def test_the_behaviour_is_played_again_with_the_same_returns(name):
     [shipped] = [line for line in LINES if (line.set, line.algorithm) == (name, "behaviour")]
