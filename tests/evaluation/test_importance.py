@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from helpers.evaluating import POLICY, Data, policy_of
+from helpers.evaluating import POLICY
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError
@@ -15,16 +15,6 @@ from ibdata.evaluation.importance import of_ratios
 from ibdata.evaluation.overlap import Ratios, log_ratios
 from ibdata.experiment import Experiment
 from ibdata.policies import POLICIES, Certain, ClippedNormal, Decision, Distribution, Needs
-
-
-def test_where_only_the_behaviour_has_a_mass_the_ratio_is_0():
-    """A density of 1/8 at the base's action is not a probability of it."""
-    data = Data(POLICY["ε-greedy"], 50)
-    found = data.importance(POLICY["random"])
-    kept = np.isclose(np.exp(data.log_prob), 0.5)
-    assert 0 < kept.sum() < kept.size
-    assert (found.ratios[kept] < 1e-12).all()
-    assert found.ratios[~kept] == pytest.approx(2.0)
 
 
 def of_logs(logs, rewards, discount):
@@ -88,19 +78,6 @@ def warned_of(found):
     """The methods whose estimates have a warning of their own."""
     said = "\n".join(found.notes)
     return [each.method for each in found.results if re.search(f"(: |; ){each.method} ", said)]
-
-
-def test_an_estimate_that_lacks_rare_episodes_is_named():
-    """A mean weight of 0.71 ± 0.05: the truth, of 40,000 episodes of the target, is -580.7 ± 2."""
-    low = {"kind": "sampled", "base": {"kind": "network", "file": "neorl-low"}, "share": 1.0}
-    data = Data(policy_of(low), 3000, steps=2, setpoints=50, seed=3)
-    found = data.importance(POLICY["random"], discount=1.0)
-    off = [abs(each.mean_return + 580.7) / each.standard_error for each in found.results]
-    assert found.effective[-1] > 100.0
-    assert off[0] < 2.0
-    assert min(off[1:]) > 4.0
-    assert {"per decision", "ordinary"} <= set(warned_of(found))
-    assert re.search(r"per decision is 3\.[67]\d of its standard errors from weighted, more", repr(found))
 
 
 def test_estimates_far_off_have_a_warning_and_near_ones_none():
