@@ -166,12 +166,6 @@ def test_what_is_no_decision_is_an_error_that_names_its_place(policy, message):
         rollout(described(policy()), 0, 8)
 
 
-LONGER = 30
-RANDOM_AND_SAFE = Experiment(
-    name="x", setpoints=[0, 33, 100], policies=["random", "safe"], episodes=2, steps=LONGER, start="uniform"
-)
-
-
 def test_clipped_actions_are_counted_once_a_row():
     class Returning(Policy):
         kind: Literal["returning"] = "returning"
@@ -181,13 +175,10 @@ def test_clipped_actions_are_counted_once_a_row():
             action[0], action[1, 2], action[2] = 2.0, -1.5, 1.0
             return Decision(action, given.memory)
 
-    options = {**RANDOM_AND_SAFE.options(), "policies": [Returning()]}
-    assert rollout(Experiment.model_construct(**options), 0, 6).clipped == 2 * LONGER
-    of_random, of_safe, of_both = (
-        rollout(RANDOM_AND_SAFE, first, stop).clipped for first, stop in ((0, 6), (6, 12), (0, 12))
-    )
-    assert (of_random, of_both) == (0, of_safe)
-    assert of_safe > 0
+    assert rollout(described(Returning()), 0, 8).clipped == 2 * STEPS
+    made = Experiment(name="x", setpoints=[0, 100], policies=["random", "safe"], start="uniform", steps=30)
+    of_random, of_safe, of_both = (rollout(made, *part).clipped for part in ((0, 2), (2, 4), (0, 4)))
+    assert of_random == 0 < of_safe == of_both
 
 
 def test_an_error_of_several_steps_names_its_own(monkeypatch):
@@ -219,13 +210,13 @@ def recorded(experiment, numbers):
     """What is recorded of these episodes: (variables, steps + 1, n), actions and densities (steps, n, …)."""
     episodes = episodes_of(experiment, np.array(numbers))
     rows = record_rows(["setpoint", "fatigue", "consumption", "reward", "theta_3"])
-    [block] = unroll(episodes, begin(episodes), rows, LONGER, densities=True)
+    [block] = unroll(episodes, begin(episodes), rows, experiment.steps, densities=True)
     return block.record.transpose(2, 0, 1), block.actions.swapaxes(0, 1), block.log_density.T
 
 
 @pytest.mark.parametrize("changes", CASES.values(), ids=CASES)
 def test_random_subsets_of_lanes_equal_lanes_alone(changes):
-    plain = {"name": "x", "setpoints": [0, 30, 70], "episodes": 3, "steps": LONGER}
+    plain = {"name": "x", "setpoints": [0, 30, 70], "episodes": 3, "steps": 30}
     experiment = Experiment.model_validate({**plain, **changes})
     total = 3 * len(experiment.cells)
     alone = [recorded(experiment, [number]) for number in range(total)]
