@@ -141,17 +141,9 @@ DECISIONS = [
     (Coin, lambda _, given: same(given, next(CALLS) / 10000.0), "when the same was asked again"),
     (Coin, lambda _, given: same(given, given.observations.mean() / 1000.0), OTHERS),
     (Coin, lambda _, given: same(given, 0.0, size=4), r"found actions of shape .*, 4\)"),
-    (
-        Coin,
-        lambda _, given: same(given, 0.0, spread=0.1),
-        "a ClippedNormal and needs.draws 1, expected at least 3",
-    ),
+    (Coin, lambda _, given: same(given, 0.0, spread=0.1), "a ClippedNormal and needs.draws 1, expected at"),
     (Stubborn, overwriting, "decide changed the memory that it was given"),
-    (
-        Stubborn,
-        lambda _, given: same(given, given.memory)._replace(memory=given.memory + given.draws.mean()),
-        OTHERS,
-    ),
+    (Stubborn, lambda _, x: same(x, x.memory)._replace(memory=x.memory + x.draws.mean()), OTHERS),
 ]
 
 

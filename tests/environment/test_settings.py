@@ -111,6 +111,7 @@ EXPECTED = {
 }
 
 
+INSTALL = "ibdata.environment needs the package gymnasium: pip install gymnasium, or 'ibdata[gymnasium]'"
 # It is not there, and importing ibdata leaves no trace.
 WITHOUT = """
 import sys
@@ -134,10 +135,7 @@ except ImportError as error:
     [
         ("import gymnasium, ibdata; print(gymnasium.registry)", str(EXPECTED)),
         ("import ibdata, gymnasium, ibdata.environment; print(gymnasium.registry)", str(EXPECTED)),
-        (
-            WITHOUT,
-            "ibdata.environment needs the package gymnasium: pip install gymnasium, or 'ibdata[gymnasium]'",
-        ),
+        (WITHOUT, INSTALL),
     ],
     ids=["before", "after", "without"],
 )

@@ -129,10 +129,7 @@ def test_views_see_and_reward_as_everywhere(state):
         ({"actions": np.zeros((2, 3))}, r"^actions: found .*expected \(k, h, 3\) or \(3, k, h, 3\) finite"),
         ({"actions": np.zeros((2, 1, 1, 3))}, "^actions: found"),
         ({"actions": [[[np.nan, 0, 0]]]}, "^actions: found"),
-        (
-            {"noise": "recorded"},
-            "^noise: found 'recorded', expected a seed, or 'recorded' with rows of a data",
-        ),
+        ({"noise": "recorded"}, "^noise: found 'recorded', expected a seed, or 'recorded' with rows of"),
         ({"samples": 0}, "^samples: found 0, expected at least 1"),
         ({"start": 5}, "^start: found 5, expected a dataset with rows=, a State, or settings"),
         ({"samples": 10**12}, "^samples: "),

@@ -66,12 +66,7 @@ def test_the_law_itself_has_the_likelihood_of_the_floor(dataset):
     [
         (lambda seen, actions: seen, 1, PolicyError, r"model: step 1: found predictions of shape \(\d+, 6\)"),
         (lambda seen, actions: (seen, seen, seen), 1, PolicyError, "model: step 1: found 3 arrays"),
-        (
-            lambda seen, actions: seen[:, 4:6] * np.nan,
-            1,
-            PolicyError,
-            r"found NaN or infinity in (\d+) of \1 ",
-        ),
+        (lambda seen, actions: seen[:, 4:6] * np.nan, 1, PolicyError, r"NaN or infinity in (\d+) of \1 "),
         (lambda seen, actions: (seen[:, 4:6], 0 * seen[:, 4:6]), 1, PolicyError, "standard deviation of 0"),
         (repeated, 0, UsageError, "steps: found 0, expected"),
         (repeated, 10**6, UsageError, "steps: found no row"),

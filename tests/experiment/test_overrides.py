@@ -10,6 +10,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 
 KEYS = ", ".join(Experiment.model_fields)
+STICKY = "policies.0={kind: sticky, kappa: 1, base: bad}"
 PROBLEMS = {
     "steps=0": "steps: found 0, expected a whole number of at least 1",
     "steps=": "steps: found null, expected a whole number",
@@ -41,11 +42,7 @@ REFUSED = {
         (["output={dtype: float64}", "output.latent=full"], "output.dtype", "float64"),
         (["setpoints=[10, 20]", "setpoints.1=30"], "setpoints", [10.0, 30.0]),
         (["policies.0.kind=safe"], "labels", ("safe",)),
-        (
-            ["policies.0={kind: sticky, kappa: 1, base: bad}", "policies.0.base=safe"],
-            "policies.0.base.kind",
-            "safe",
-        ),
+        ([STICKY, "policies.0.base=safe"], "policies.0.base.kind", "safe"),
         (["dynamics={base: paper, eta_mean: 1}"], "variant.eta_mean", 1.0),
         (["splits.1.episodes=1"], "splits.keys", {"1"}),
     ],
