@@ -9,7 +9,7 @@ from helpers.policies import action_of, proposed
 from ibdata.policies import POLICIES
 from ibdata.policies.baselines import OBSERVATION_MEAN
 
-Constant, Random = POLICIES["constant"], POLICIES["random"]
+Random = POLICIES["random"]
 Bad, Mediocre, Optimized = (POLICIES[kind] for kind in ("bad", "mediocre", "optimized"))
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 SOME = np.arange(18, dtype=np.float32).reshape(3, 1, 6)

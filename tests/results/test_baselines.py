@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import re
-import sys
 
 import numpy as np
 import pytest
 from helpers import ROOT, script
-from helpers.evaluating import LITERATURE, baseline
+from helpers.evaluating import LITERATURE
 
 import ibdata
-from ibdata.evaluation.baselines import FILE, WHOLE, Baseline, measured, shipped_baselines
+from ibdata.evaluation.baselines import FILE, WHOLE, measured, shipped_baselines
 from ibdata.policies import expert
 from measuring.documents import measured as tables_of
 from training import baselines_page as page
-from training.runner import Runner
 
 LINES = shipped_baselines([FILE])
 PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
@@ -24,24 +22,6 @@ PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
 @pytest.fixture(scope="module")
 def baselines():
     return script("baselines")
-
-
-@pytest.fixture
-def run(baselines, tmp_path, monkeypatch, capsys):
-    """A function that runs a part of the plan untrained, and returns the results and what it prints."""
-
-    def run(plan, *arguments, made=lambda key, data: line(key), file="x.jsonl"):
-        one = Runner("", plan, Baseline, tmp_path / file, made, baselines.describe, lambda lines: None)
-        monkeypatch.setattr(sys, "argv", ["baselines", *arguments])
-        capsys.readouterr()
-        one.main()
-        return list(one.known(one.file).values()), capsys.readouterr().out.splitlines()
-
-    return run
-
-
-def line(run, shift=0.0) -> Baseline:
-    return baseline(np.linspace(-7000.0, -6000.0, 200) + shift, **run._asdict())
 
 
 def test_the_page_holds_the_results_that_were_run_and_no_others(baselines):

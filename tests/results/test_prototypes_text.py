@@ -15,7 +15,7 @@ from training.protocol import EVALUATIONS
 from training.results import Results, difference, means, number
 
 RESULTS = Results(shipped_baselines([PROTOTYPES]))
-FEW, MIDDLE, MANY = (episodes_each(count) for count in SIZES["random"])
+FEW, MIDDLE, _ = (episodes_each(count) for count in SIZES["random"])
 START, AROUND, LONG = page.COLUMNS
 ALL = [*FOUR, "cql"]
 TRAINED = [(name, *pair) for name in SIZES for pair in page.learned_parts(RESULTS, name)]
