@@ -14,7 +14,7 @@ from ibdata.errors import PolicyError
 from ibdata.policies import ClippedNormal, Decision, Deterministic, Distribution, Needs, Policy, checked
 from ibdata.testing import check_policy
 
-FEW = checked.histories(3, 1)  # situations, in each of which 20,000 actions are drawn
+FEW = checked.histories(2, 1)  # situations, in each of which 20,000 actions are drawn
 
 
 class TwoSides(Distribution):
@@ -174,7 +174,7 @@ def unknown_elsewhere(self, action):
 DENSITIES = [
     (Coin, lambda self, action: np.full(len(action), -np.inf), "finite at the policy's own actions"),
     (Coin, lambda self, action: np.where(action[:, 0] == 0.5, -0.7, np.inf), "the log density inf at"),
-    (Coin, lambda self, action: np.zeros((len(action), 1)), r"log densities of shape .3, 1."),
+    (Coin, lambda self, action: np.zeros((len(action), 1)), r"log densities of shape .2, 1."),
     (Coin, lambda self, action: TwoSides.log_density(self, action) - 0.2, "the probability 0.4094, but its"),
     (Coin, unknown_elsewhere, "expected a number below inf"),
     (Stubborn, TwoSides.log_density, "the probability 0.5000, but its share of 20000 draws was 1.0000"),

@@ -51,8 +51,8 @@ def test_the_behaviour_is_played_again_with_the_same_returns(name):
 
 
 def test_the_formulas_have_their_returns_in_fewer_episodes():
-    """100 episodes each. A difference of 5 standard errors happens once in a million."""
-    again = formulas.measure(episodes=100)
+    """40 episodes each. A difference of 5 standard errors happens once in a million."""
+    again = formulas.measure(episodes=40)
     for row, stored in zip(again, MEASURED["formulas"], strict=True):
         assert row["policy"] == stored["policy"]
         for value, error in (("return", "error"), ("difference", "difference_error")):
