@@ -21,6 +21,9 @@ from ibdata.errors import ConfigError, Interrupted, missing
 from ibdata.views.options import ViewOptions
 
 PACKAGE = ROOT / "ibdata"
+TEXTS = {
+    path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")
+}
 LONGEST = 350  # lines; most files have fewer than 200
 AT_THE_ROOT = "__init__ __main__ errors published testing version"
 NAMES = """
@@ -47,41 +50,29 @@ def test_no_file_is_too_long_to_be_read_at_once():
 
 
 def test_modules_live_in_rooms():
-    """The map of the house names each."""
+    """The map of the house names each, and the tests of a room stand in a folder of its name."""
     assert {path.stem for path in PACKAGE.glob("*.py")} == set(AT_THE_ROOT.split())
     rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
     named = re.findall(r"^- ([\w, ]+):", ibdata.__doc__, re.MULTILINE)
     assert rooms == {name for line in named for name in line.split(", ")}
-
-
-def test_the_tests_of_a_room_stand_in_a_folder_of_its_name():
-    rooms = {path.name.lstrip("_") for path in PACKAGE.iterdir() if path.is_dir()}
     others = {"bridges", "corpus", "docs", "faults", "helpers", "life", "reference", "results", "same_bits"}
     folders = {path.name for path in (ROOT / "tests").iterdir() if any(path.glob("test_*.py"))}
-    assert folders - others <= rooms
+    assert folders - others <= {name.lstrip("_") for name in rooms}
 
 
-def test_the_names_of_ibdata():
+def test_the_public_names():
     assert ibdata.__all__ == NAMES.split()
     assert all(hasattr(ibdata, name) for name in ibdata.__all__)
     assert ibdata.open is ibdata.Dataset
-
-
-def test_the_names_of_the_dynamics():
     assert dynamics.__all__ == DYNAMICS.split()
-
-
-def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="module 'ibdata' has no attribute 'nonsense'"):
         ibdata.nonsense  # noqa: B018 - the access is the test
 
 
 def test_importing_ibdata_imports_nothing_heavy():
-    code = (
-        "import sys, ibdata; print([m for m in ('numpy', 'numba', 'pandas', 'pyarrow') if m in sys.modules])"
-    )
+    code = "import sys, ibdata; print({'numpy', 'numba', 'pandas', 'pyarrow'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+    assert done.stdout == "set()\n"
 
 
 def test_no_module_names_pickle_or_evaluates_text():
@@ -89,10 +80,21 @@ def test_no_module_names_pickle_or_evaluates_text():
     pickles = (
         r"\b(pickle|cPickle|dill|cloudpickle|joblib|marshal|shelve)\b|allow_pickle=True|\beval\(|\bexec\("
     )
-    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
-    assert len(texts) > 90
-    found = {str(path.relative_to(PACKAGE)) for path, text in texts.items() if re.search(pickles, text)}
+    assert len(TEXTS) > 90
+    found = {name for name, text in TEXTS.items() if re.search(pickles, text)}
     assert found == {"policies/code.py"}  # runs the files of users, who allowed it
+
+
+def test_modules_that_simulate_keep_nothing_from_one_call_to_the_next():
+    """But for what pure functions of their arguments, and of files of the package, return."""
+    cached = set()
+    for name, text in TEXTS.items():
+        if name.startswith(("policies/", "experiment/", "evaluation/")):
+            cached |= set(
+                re.findall(r"^@(?:functools\.)?(?:lru_)?cache\b.*\n(?:@.*\n)*def (\w+)", text, re.M)
+            )
+            assert not re.search(r"^ +global ", text, re.M), name
+    assert cached == {"numbers", "sequence", "waves", "_any_policy"}
 
 
 # An option in a message; commands, which are to be typed as they are, are passed over.
@@ -105,10 +107,7 @@ OPTION = re.compile(r"ibdata [a-z]+ [^;]*|(?<![\w=/-])--(?P<name>[a-z]+(?:-[a-z]
 def test_an_error_survives_the_way_between_processes(error):
     again = pickle.loads(pickle.dumps(error))
     assert (type(again), str(again), again.exit_code) == (type(error), str(error), error.exit_code)
-
-
-def test_a_missing_library_is_an_import_error_too():
-    assert isinstance(missing("this", "that", "extra"), ImportError)
+    assert isinstance(again, ImportError) == str(error).startswith("this needs")
 
 
 def test_an_option_in_a_message_exists_in_both_interfaces():
@@ -118,12 +117,11 @@ def test_an_option_in_a_message_exists_in_both_interfaces():
         getattr(ibdata, name) for name in ibdata.__all__ if name not in ("IbdataError", "__version__")
     ]
     keywords = {keyword for each in functions for keyword in inspect.signature(each).parameters}
-    package = Path(ibdata.__file__).parent
     found = set()
-    for path in package.rglob("*.py"):
-        if path.relative_to(package).parts[0] not in ("cli", "errors.py", "plots"):
-            for text in re.findall(r'"(.*)"', path.read_text(encoding="utf-8")):
-                found |= {option["name"] for option in OPTION.finditer(text)} - {None}
+    for name, text in TEXTS.items():
+        if name.partition("/")[0] not in ("cli", "errors.py", "plots"):
+            for line in re.findall(r'"(.*)"', text):
+                found |= {option["name"] for option in OPTION.finditer(line)} - {None}
     assert {"out", "overwrite", "shards"} <= found <= options
     of_views = {field.name for field in dataclasses.fields(ViewOptions)}
     allowed = {*keywords, *of_views, "name"}  # the name of `split`, where it is names

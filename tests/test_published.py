@@ -35,32 +35,6 @@ STORED = {
 }
 
 
-def logistic(x):
-    return 1 / (1 + math.exp(-x))
-
-
-def test_the_first_state_by_hand():
-    """At v = g = h = p = 50 and φ = 0, where hᵉ and the penalty m are 0, from the draws in their order."""
-    draw = np.random.RandomState(5)
-    draw.randint(1, 100), draw.rand(), draw.rand()  # a segment, although the setpoint is constant
-    (e_g, e_v), (u_g, u_v) = draw.exponential(0.1, 2), draw.rand(2)
-    effective_g = (1 / 101 - 1 / 151) / (1 / 51 - 1 / 151)
-    effective_v = (102 / 101 - 52 / 151) / (152 / 51 - 52 / 151)
-    b_g, b_v = draw.binomial(1, effective_g), draw.binomial(1, effective_v)
-    eta_g, eta_v = (2 * (logistic(e) - 0.5) for e in (e_g, e_v))
-    eta_g += (1 - eta_g) * u_g * b_g * effective_g
-    eta_v += (1 - eta_v) * u_v * b_v * effective_v
-    fatigue = (30000 / 350 - 25) * (1 + 2 * max(eta_g, eta_v)) / 3
-    expected = 0.99999 * math.exp(4.25) + 25
-    consumption = expected - draw.randn() * (1 + 0.005 * expected)
-    cost = consumption + 3 * fatigue
-
-    ids = IDS(50, inital_seed=5)
-    assert ids.visibleState() == pytest.approx([50, 50, 50, 50, fatigue, consumption, cost, -cost])
-    assert (ids.state["hv"], ids.state["hg"]) == pytest.approx((eta_v / 3, eta_g / 3))
-    assert np.random.rand() == draw.rand()  # noqa: NPY002
-
-
 @pytest.mark.parametrize(("setpoint", "seed"), STORED)
 def test_the_last_row_of_the_authors_own_test(setpoint, seed):
     ids = IDS(setpoint, inital_seed=seed)
@@ -69,16 +43,6 @@ def test_the_last_row_of_the_authors_own_test(setpoint, seed):
     expected = [float(number) for number in STORED[setpoint, seed].split()]
     assert [ids.state[key] for key in STORED_KEYS.split()] == pytest.approx(expected, rel=1e-13, abs=1e-14)
     assert [ids.state[key] for key in ("gs_domain", "gs_sys_response", "gs_phi_idx")] == [-1, -1, 6]
-
-
-def test_the_probability_of_an_event_is_bounded(monkeypatch):
-    probabilities = []
-    monkeypatch.setattr(np.random, "binomial", lambda n, p: probabilities.append(p) or 0)
-    ids = IDS(50, inital_seed=0)
-    for gain in (100.0, 0.0):
-        ids.state["g"] = gain
-        ids.step(NOTHING)
-    assert probabilities[2::2] == [0.001, 0.999]
 
 
 def test_a_state_that_a_script_writes_is_continued():
@@ -109,26 +73,6 @@ def test_both_constructors_and_reset_seed_the_global_generator():
     np.random.rand(9)  # noqa: NPY002
     again = IDS(70, inital_seed=seed).visibleState()[:6]
     assert env.reset().tolist() == again.tolist()
-
-
-def test_a_step_after_the_end_begins_another_episode():
-    env = IBGym(70, reset_after_timesteps=2, init_seed=0)
-    ended = [env.step([1.0, 0.0, 0.0])[2] for _ in range(5)]
-    assert ended == [False, True, False, True, False]
-    assert env.env_steps == 1
-    assert env.IB.state["v"] == 51.0
-
-
-def test_past_frames_come_newest_first_and_begin_with_the_first_one():
-    env = IBGym(70, "delta", "discrete", "include_past", init_seed=0, n_past_timesteps=3)
-    first = env.reset().reshape(3, 6)
-    assert (first == first[0]).all()
-    before = env.reward
-    observation, reward, done, _ = env.step(26)
-    frames = observation.reshape(3, 6)
-    assert frames[0, :4].tolist() == [70.0, 51.0, 60.0, pytest.approx(55.7515, abs=1e-4)]
-    assert (frames[1:] == first[0]).all()
-    assert (reward, done) == (env.reward - before, False)
 
 
 def test_without_gymnasium_all_but_the_spaces_works(monkeypatch):

@@ -1,13 +1,14 @@
-"""The pages name what exists: links, pages, experiments, policies, exit codes, formats and extras."""
+"""The pages and the README name what exists, and figures stand where their proof is."""
 
 from __future__ import annotations
 
-import json
+import math
 import re
+from pathlib import Path
 
 import pytest
 from helpers import ROOT
-from helpers.pages import blocks
+from helpers.pages import blocks, check_guide
 from ruamel.yaml import YAML
 
 import ibdata
@@ -22,12 +23,8 @@ PAGES = {path.name: path.read_text(encoding="utf-8") for path in DOCS.glob("*.md
 USE_WITH = PAGES["use-with.md"]
 LINKED = [*DOCS.glob("*.md"), *ROOT.glob("*.md"), ROOT / "studies/README.md"]
 PROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-EXTRAS = dict(
-    re.findall(
-        r"^([\w-]+) = (\[.*\])",
-        PROJECT.split("[project.optional-dependencies]")[1].split("\n[")[0],
-        flags=re.MULTILINE,
-    )
+EXTRAS = re.findall(
+    r"^([\w-]+) = \[", PROJECT.split("[project.optional-dependencies]")[1].split("\n[")[0], flags=re.MULTILINE
 )
 
 
@@ -60,14 +57,6 @@ def test_the_navigation_names_every_page_once():
     assert sorted(pages) == sorted([*PAGES, *(path.name for path in DOCS.glob("*.ipynb"))])
 
 
-def test_the_tour_ends_with_pages_that_exist():
-    nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("nav:\n")[2]
-    *_, last = json.loads((DOCS / "tour.ipynb").read_text(encoding="utf-8"))["cells"]
-    named = re.findall(r"\*(.+?)\*", "".join(last["source"]))
-    assert named
-    assert set(named) <= set(re.findall(r"^ +- (.+): \S", nav, re.M))
-
-
 def test_the_experiment_that_is_explained_is_valid(tmp_path):
     (shown,) = (x for x in blocks(PAGES["experiments.md"], "yaml") if x.startswith("# explained.yaml\n"))
     (tmp_path / "explained.yaml").write_text(shown)
@@ -76,12 +65,9 @@ def test_the_experiment_that_is_explained_is_valid(tmp_path):
     assert experiment.labels == ("random", "safe", "constant", "bad", "explored", "gaussian")
 
 
-def test_every_shipped_experiment_is_named():
+def test_every_shipped_experiment_is_named_and_every_policy_that_is_named_exists():
     for name in {name.partition("/")[0] for name in shipped()} | set(suites()):
         assert f"| `{name}` |" in PAGES["experiments.md"], name
-
-
-def test_every_policy_that_is_named_exists():
     assert set(re.findall(r"\bkind: ([a-z_]+)\b", "".join(PAGES.values()))) <= set(POLICIES)
 
 
@@ -101,9 +87,8 @@ def test_a_bridge_runs_the_snippets_of_each_section():
     """Those of docs/use-with.md need the libraries of which they tell."""
     tests = "".join(path.read_text() for path in (ROOT / "tests/bridges").rglob("test_*.py"))
     sections = re.split(r"^## (.+)\n", USE_WITH, flags=re.MULTILINE)[1:]
-    headings = [
-        heading for heading, text in zip(sections[::2], sections[1::2], strict=True) if "```python" in text
-    ]
+    pairs = zip(sections[::2], sections[1::2], strict=True)
+    headings = [heading for heading, text in pairs if "```python" in text]
     assert len(headings) > 5
     assert [heading for heading in headings if f'"{heading}"' not in tests] == []
 
@@ -125,3 +110,50 @@ def test_the_documentation_stays_short():
     assert len(list(DOCS.glob("*.md")) + list(DOCS.glob("*.ipynb"))) <= 30
     assert sum(words.values()) <= 25_000
     assert sum(words[name] for name in read & set(words)) <= 7_000
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
+SHELL = [line for language, block in BLOCKS if language == "sh" for line in block.splitlines()]
+PROVEN = "".join((ROOT / "docs" / page).read_text(encoding="utf-8") for page in ("promises.md", "errata.md"))
+
+
+def test_it_is_short_and_begins_with_the_two_commands():
+    assert len(README.split()) <= 750
+    assert SHELL[0].endswith("ibdata generate --config random.yaml")
+    assert SHELL[1] == "scripts/test"
+    assert "README.md" in (ROOT / ".ci/run").read_text()
+
+
+@pytest.mark.slow
+def test_the_lines_of_your_own_experiment_print_what_they_say(tmp_path: Path):
+    section = README[README.index("## Your own") : README.index("## Paper or siemens?")]
+    check_guide(section, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "figure", ["1e-12", "100,000", "3,262", "185", "5,913", "727", "166", "338", "8 and 6"]
+)
+def test_a_measured_figure_stands_where_its_proof_is(figure: str):
+    """The medians of the run-away are 338, 205 and 166 steps by the code, and 8, 7 and 6 as printed."""
+    assert figure in README
+    assert {"8 and 6": "8 / 7 / 6"}.get(figure, figure) in PROVEN
+
+
+def test_the_speed_is_the_one_that_was_measured():
+    measured = (ROOT / "docs/performance.md").read_text(encoding="utf-8")
+    ratio = re.search(r"^\| one processor, .* published package .*? \| (\d+) × \|", measured, re.MULTILINE)[1]
+    low, high = map(int, re.search(r"(\d+) to (\d+) times, by machine", measured).groups())
+    assert low <= int(ratio) <= high
+    assert "about 100 times as fast as the published package" in " ".join(README.split())
+    each = int(re.search(r"^\| 10,000,000 transitions \| (\d+) ns each", measured, re.MULTILINE)[1])
+    assert f"{math.floor(10_000 / each) / 10} million transitions a second" in README
+
+
+def test_the_columns_and_formats_are_those_that_exist():
+    assert f"{len(FORMATS)} export formats" in " ".join(README.split())
+    page = (ROOT / "docs/dataset-format.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.+?) \|", README, flags=re.MULTILINE)
+    named = {name for row in rows for name in re.findall(r"`([\w*]+)`", row)}
+    assert len(named) == 11
+    assert all(f"`{name.removesuffix('*')}" in page for name in named)

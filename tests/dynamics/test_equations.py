@@ -152,7 +152,7 @@ def test_a_segment_of_three_steps_is_followed_by_a_new_one(variant):
     assert p == 50.0 + 3 * first + 3 * second + third
 
 
-@tries(300)
+@tries(150)
 @given(p=setpoints, b=rates, left=st.integers(0, 99), u=st.tuples(uniforms, uniforms, uniforms, uniforms))
 def test_any_step_is_the_printed_one_at_both_bounds(p, b, left, u):
     printed_one = printed.setpoint(p, b, left, dict(zip(DRAWS, u, strict=True)))

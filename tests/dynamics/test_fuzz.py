@@ -14,8 +14,7 @@ from ibdata.views.variables import ROWS, VARIABLES
 
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 LANES = 24
-ends = st.sampled_from([SMALLEST, 1e-9, 0.0009, 0.0011, 0.5, 0.9989, 0.9991, LARGEST])
-uniforms = ends | st.floats(SMALLEST, LARGEST)
+uniforms = st.sampled_from([SMALLEST, 0.0009, 0.0011, 0.9989, 0.9991, LARGEST]) | st.floats(SMALLEST, LARGEST)
 actions = st.sampled_from([-1e300, -7.0, -1.0, -0.0, 0.0, 1.0, 7.0, 1e300]) | st.floats(-1.0, 1.0)
 percents = st.sampled_from([0.0, 1e-300, 50.0, 100.0]) | st.floats(0.0, 100.0)
 variants = pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])
@@ -37,17 +36,13 @@ def assert_valid(state, variant):
 
 def noise_of(u):
     """Noise in standard form from an array (12, n) of uniforms."""
-    draws = dict(zip(Noise._fields, np.array(u), strict=True))
-    for name, x in draws.items():
-        if name.startswith("exp"):
-            draws[name] = np.array([exponential(y) for y in x])
-        if name.startswith("normal"):
-            draws[name] = np.array([normal(y) for y in x])
-    return Noise(**draws)
+    laws = {"exp": exponential, "normal": normal, "uniform": float, "bernoulli": float}
+    rows = zip(Noise._fields, u, strict=True)
+    return Noise(*(np.array([laws[name.partition("_")[0]](x) for x in row]) for name, row in rows))
 
 
 @variants
-@tries(150)
+@tries(60)
 @given(
     seed=st.integers(0, 2**32),
     walk=st.integers(1, 60),

@@ -12,10 +12,8 @@ from ibdata.dynamics.noise import amplification_cdf, noise_component_cdf, squash
 DRAWS = 100_000 if FULL else 20_000
 # μᵛ, μᵍ before the step; velocity and gain, which give the effective values.
 STATES = {
-    "normal": (0.2, 0.3, 50.0, 50.0),
     "bifurcated": (4.8, 0.3, 50.0, 50.0),
     "near the threshold of the paper": (1.15, 1.1, 30.0, 20.0),
-    "running away": (1.3, 0.4, 50.0, 50.0),
     "both reset": (3.0, 3.0, 100.0, 100.0),
 }
 

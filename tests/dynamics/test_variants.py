@@ -56,7 +56,6 @@ TABLE = {
         ((0.0, 1.5), (-0.5, 0.0), (0.5, 0.5), (0.0, NAN)),
     ),
 }
-BROKEN = [(field, value, rule) for field, (_, _, rule, values) in TABLE.items() for value in values]
 
 
 def test_each_field_has_the_values_of_the_two_sources():
@@ -66,13 +65,13 @@ def test_each_field_has_the_values_of_the_two_sources():
     assert all(paper != siemens for paper, siemens in found.values())
 
 
-@pytest.mark.parametrize(("field", "value", "rule"), BROKEN)
-def test_a_field_that_breaks_its_rule_is_refused(field, value, rule):
-    message = (
-        rf"^variant: {field} must (be )?{re.escape(rule)}; found Variant\(.*{field}={re.escape(str(value))}"
-    )
-    with pytest.raises(ValueError, match=message):
-        dataclasses.replace(SIEMENS, **{field: value})
+@pytest.mark.parametrize("field", TABLE)
+def test_a_field_that_breaks_its_rule_is_refused(field):
+    rule, values = TABLE[field][2:]
+    for value in values:
+        found = rf"found Variant\(.*{field}={re.escape(str(value))}"
+        with pytest.raises(ValueError, match=f"^variant: {field} must (be )?{re.escape(rule)}; {found}"):
+            dataclasses.replace(SIEMENS, **{field: value})
 
 
 def test_a_variant_is_found_by_its_name_or_is_one():

@@ -1,6 +1,10 @@
-"""The settings and the actions of an environment, and the errors for invalid ones, without Gymnasium."""
+"""Settings and actions of an environment, its registration, and what is refused, without Gymnasium."""
 
 from __future__ import annotations
+
+import subprocess
+import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -65,38 +69,77 @@ def test_the_last_of_velocity_gain_and_shift_changes_fastest():
         assert [discrete_action(kind(i)) for i in range(27)] == digits
 
 
+LISTS = [[0, 1], [0, 1, 27], [0, -1, 2], [0.0, 1.0, 2.0], 3, [True] * 3]
 REFUSED = [
     (discrete_action, "a whole number from 0 to 26", [27, -1, 1.0, True, None, [3], np.float32(3)]),
-    (
-        lambda given: discrete_actions(given, 3),
-        "3 whole numbers from 0 to 26",
-        [[0, 1], [0, 1, 27], [0, -1, 2], [0.0, 1.0, 2.0], 3, [True] * 3],
-    ),
+    (partial(discrete_actions, n=3), "3 whole numbers from 0 to 26", LISTS),
     (continuous_action, "three finite numbers", [[0, 0, np.nan], [0, 0], "left", None]),
-    (
-        lambda given: continuous_actions(given, 1),
-        "(1, 3) finite numbers",
-        [[[0, 0, np.nan]], [0, 0, 0], "left"],
-    ),
+    (partial(continuous_actions, n=1), "(1, 3) finite numbers", [[[0, 0, np.nan]], [0, 0, 0], "left"]),
 ]
 
 
-@pytest.mark.parametrize(("convert", "expected", "wrong"), REFUSED, ids=[row[1] for row in REFUSED])
-def test_other_actions_are_refused_in_one_line(convert, expected, wrong):
-    for given in wrong:
-        with pytest.raises(UsageError) as caught:
-            convert(given)
-        assert str(caught.value).startswith(f"action: found {excerpt(given, 80)}, expected {expected}")
-        assert "\n" not in str(caught.value)
+def test_other_actions_are_refused_in_one_line():
+    for convert, expected, wrong in REFUSED:
+        for given in wrong:
+            with pytest.raises(UsageError) as caught:
+                convert(given)
+            assert str(caught.value).startswith(f"action: found {excerpt(given, 80)}, expected {expected}")
+            assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("seeds", [[-1], [0, None, -1]], ids=["one", "several"])
-def test_a_negative_seed_is_refused_in_one_line(seeds):
+def test_a_negative_seed_and_a_drift_of_a_constant_setpoint_are_refused_in_one_line():
     refuse_negative([None, 0, 2**70])
     with pytest.raises(UsageError, match=r"^seed: found -1, expected a whole number of at least 0$"):
-        refuse_negative(seeds)
-
-
-def test_a_constant_setpoint_has_no_drift_to_see():
+        refuse_negative([0, None, -1])
     with pytest.raises(UsageError, match="found latent_drift_rate, which only a moving setpoint has"):
         settings(view={"observe": ["latent_drift_rate"]})
+
+
+# Stands in for Gymnasium, which the core does not install: what ibdata uses of it.
+STAND_IN = """
+registry = {}
+def register(id, **given):
+    assert id not in registry
+    registry[id] = given
+"""
+EXPECTED = {
+    "ibdata/IndustrialBenchmark-v0": {
+        "entry_point": "ibdata.environment:IndustrialBenchmarkEnv",
+        "vector_entry_point": "ibdata.environment:IndustrialBenchmarkVectorEnv",
+        "max_episode_steps": 1000,
+    }
+}
+
+
+INSTALL = "ibdata.environment needs the package gymnasium: pip install gymnasium, or 'ibdata[gymnasium]'"
+# It is not there, and importing ibdata leaves no trace.
+WITHOUT = """
+import sys
+class Without:
+    def find_spec(self, name, path=None, target=None):
+        if name == 'gymnasium':
+            raise ModuleNotFoundError(name, name=name)
+sys.meta_path.insert(0, Without())
+before = list(sys.meta_path)
+import ibdata, ibdata.environment
+assert sys.meta_path == before
+try:
+    ibdata.environment.IndustrialBenchmarkEnv
+except ImportError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [
+        ("import gymnasium, ibdata; print(gymnasium.registry)", str(EXPECTED)),
+        ("import ibdata, gymnasium, ibdata.environment; print(gymnasium.registry)", str(EXPECTED)),
+        (WITHOUT, INSTALL),
+    ],
+    ids=["before", "after", "without"],
+)
+def test_it_is_registered_once_in_every_order_or_says_what_to_install(tmp_path, code, expected):
+    (tmp_path / "gymnasium.py").write_text(STAND_IN)
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.stdout.strip(), done.stderr) == (expected, "")

@@ -1,4 +1,4 @@
-"""The lanes behind the environments, without Gymnasium."""
+"""The lanes behind the environments and their random integers, without Gymnasium."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from helpers import by_hand
 
+from ibdata._numerics.random import Purpose
 from ibdata.dynamics import initial_state
 from ibdata.environment.actions import continuous_action, continuous_actions
 from ibdata.environment.settings import frame_bounds, settings
 from ibdata.environment.simulation import Lane, Simulation
+from ibdata.environment.streams import AHEAD, Streams
 from ibdata.errors import UsageError
 
 pytestmark = pytest.mark.portable
@@ -32,51 +34,14 @@ def random_tape(lanes, seed=0):
     return Tape(np.random.Philox(seed).random_raw(lanes * 4000).reshape(lanes, 4000))
 
 
-@pytest.mark.parametrize(
-    ("setpoint", "start"), [(70, "default"), ("drifting", "uniform"), ("drifting", {"burn_in": [0, 7]})]
-)
-def test_a_lane_is_the_same_alone_and_among_others(setpoint, start):
-    given = settings(setpoint=setpoint, start=start, history=3)
-    together, tape = Simulation(given, 3), random_tape(3)
-    alone = [(Simulation(given, 1), Tape(tape.integers[lane])) for lane in range(3)]
-    action = np.random.default_rng(0).uniform(-1, 1, (40, 3, 3)).astype(np.float32)
-    together.reset(together.everyone, tape)
-    for simulation, own in alone:
-        simulation.reset(simulation.everyone, own)
-    for t in range(40):
-        moving = np.array([lane for lane in range(3) if t % (lane + 2)])
-        resting = np.setdiff1d(np.arange(3), moving)
-        if len(moving):
-            rewards = together.step(moving, action[t, moving], tape)
-        if t % 5 == 0 and len(resting):
-            together.reset(resting, tape)
-        for lane, (simulation, own) in enumerate(alone):
-            if lane in moving:
-                [reward] = simulation.step(simulation.everyone, action[t, [lane]], own)
-                assert reward == rewards[moving == lane]
-            elif t % 5 == 0:
-                simulation.reset(simulation.everyone, own)
-            assert simulation.observations()[0].tolist() == together.observations()[lane].tolist()
-            for name, value in simulation.info().items():
-                assert value[0] == together.info()[name][lane]
-
-
+TROUBLES = {"delay": {"obs_fatigue": 2}, "noise": {"obs_consumption": 1.0}, "missing": {"obs_velocity": 0.3}}
+TROUBLES |= {"mask": True}
 VIEWS = {
     "markov": {"history": 3, "view": {"observe": "markov", "actions": True}},
-    "troubles": {
-        "view": {
-            "imperfections": {
-                "delay": {"obs_fatigue": 2},
-                "noise": {"obs_consumption": 1.0},
-                "missing": {"obs_velocity": 0.3},
-                "mask": True,
-            }
-        }
-    },
+    "troubles": {"view": {"imperfections": TROUBLES}},
     "derived": {"view": {"observe": ["latent_penalty", "obs_gain"], "reward": "delta", "reward_scale": 0.5}},
     "drifting": {"setpoint": "drifting", "view": {"observe": "markov", "reward": {"fatigue": 1}}},
-    "uniform": {"start": "uniform", "setpoint": "drifting", "history": 3, "view": {"reward_scale": 0.1}},
-    "burn-in": {"start": {"burn_in": [0, 7]}, "history": 3},
+    "burn-in": {"start": {"burn_in": [0, 7]}, "history": 3, "view": {"reward_scale": 0.1}},
 }
 
 
@@ -132,10 +97,7 @@ def test_the_first_delta_reward_is_within_the_episode():
     [
         (lambda state: by_hand.side_by_side(state, state), "set_state: found a state of 2 lanes, expected a"),
         (lambda state: state.replace(mu_v=[9.0]), "set_state: state.mu_v: found [9.], expected numbers"),
-        (
-            lambda state: state.replace(drift_left=[3]),
-            'set_state: found a state of a moving setpoint; make the environment with setpoint="drifting"',
-        ),
+        (lambda state: state.replace(drift_left=[3]), "set_state: found a state of a moving setpoint; make "),
     ],
 )
 def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
@@ -148,3 +110,21 @@ def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
         UsageError, match="found a state of a constant setpoint; make the environment with setpoint=a"
     ):
         moving.set_state(initial_state([70.0]), moving.everyone, random_tape(1))
+
+
+def test_a_lane_takes_the_integers_of_its_generator_in_order_however_the_others_take_theirs():
+    lanes, chance = 5, np.random.default_rng(0)
+    streams = Streams(lanes)
+    for lane in range(lanes):
+        streams.seed(lane, lane)
+    taken = [[] for _ in range(lanes)]
+    while min(map(len, taken)) <= 2 * AHEAD:
+        which = np.flatnonzero(chance.random(lanes) < 0.6)
+        steps, slots = int(chance.integers(1, 4)), int(chance.choice([1, 4, 8]))
+        drawn = streams.draw(which, Purpose.DYNAMICS, 0, steps, slots)
+        assert drawn.shape == (steps, slots, len(which))
+        for lane, integers in zip(which, drawn.reshape(steps * slots, len(which)).T, strict=True):
+            taken[lane] += integers.tolist()
+    for lane, integers in enumerate(taken):
+        expected = np.random.default_rng(lane).bit_generator.random_raw(len(integers))
+        assert integers == expected.tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import FULL
 from helpers.evaluating import LITERATURE
 from helpers.evaluating import baseline as made
 
@@ -76,7 +77,12 @@ def test_settings_that_agree_with_no_evaluation_are_refused_beside_the_nearest(e
 
 def test_every_shipped_set_compares_a_policy_in_its_own_episodes():
     """Known policies are played again with the returns that are stored."""
-    for name in ("random", "safe", "transfer", "drifting", "random-paper", "setpoints/random"):
+    for name in (
+        "random",
+        "drifting",
+        "random-paper",
+        *(("safe", "transfer", "setpoints/random") if FULL else ()),
+    ):
         found = ibdata.evaluate({"again": "mediocre"}, against=name)
         [line] = [line for line in found.baselines if line.algorithm == "mediocre"]
         assert abs(line.mean_difference) < 0.001
@@ -100,13 +106,10 @@ def still(observations):
     ("changes", "message"),
     [
         ({"episodes": 100}, "--episodes: found 100, expected 200: --against optimized-40 compares"),
-        ({"steps": 50}, "steps: found 50, expected 100"),
         ({"discount": 0.99}, "discount: found 0.99, expected 0.97"),
-        ({"setpoint": 50}, "setpoint: found 50, expected 70"),
         ({"setpoint": [70, 50]}, "--setpoint: found [70, 50], expected 70"),
         ({"start": {"burn_in": [1, 2]}}, "start: found {burn_in: [1, 2]}, expected default"),
         ({"dynamics": "paper"}, "dynamics: found paper, expected siemens"),
-        ({"seed": 1}, "seed: found 1, expected 0"),
         ({"view": {"reward": "delta"}}, "--reward: found delta, expected classic: --against compares"),
         ({"against": "medium"}, "--against: found 'medium', expected one of optimized-40, d4rl-like/medium"),
         ({"against": "optimised-40"}, "did you mean 'optimized-40'?"),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from helpers import by_hand
 from helpers.evaluating import NUDGE, returns
-from helpers.policies import Watching
 
 from ibdata import evaluate
 from ibdata._numerics.random import Purpose
@@ -78,17 +77,3 @@ def test_nothing_but_the_address_matters(monkeypatch):
         evaluate(["safe", "random"], 10.0, steps=30, episodes=4).returns[1], few[:1]
     )
     assert (returns("random", seed=1) != few[1]).all()
-
-
-def test_a_policy_sees_its_history_newest_first():
-    watching = Watching(frames=3)
-    found = returns(watching, discount=0.9)[0]
-    seen = np.array(watching.seen[-30:])  # it was asked before the run, too
-    assert seen.shape == (30, 4, 3, 6)
-    np.testing.assert_array_equal(seen[2:, :, 2], seen[:-2, :, 0])
-    np.testing.assert_array_equal(seen[0, :, 1:], np.repeat(seen[0, :, :1], 2, axis=1))
-    longer = Watching()
-    returns(longer, steps=31)
-    after = np.array(longer.seen[-30:])[:, :, 0].astype(np.float64)
-    rewards = -after[:, :, 5] - 3.0 * after[:, :, 4]
-    assert found == pytest.approx((0.9 ** np.arange(30.0)) @ rewards, rel=1e-6)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.evaluating import NUDGE, returns
-from helpers.policies import Watching
 
 import ibdata
 from ibdata import evaluate
@@ -26,16 +25,14 @@ class SeesThree:
 
 REFUSED = [
     ({"setpoint": 101}, "setpoint: found 101, expected a number of at most 100"),
-    ({"start": "unifrom"}, "start: found 'unifrom'; did you mean"),
     ({"dynamics": {"base": "paper", "eta_men": 1}}, "dynamics.eta_men: no such option; did you mean"),
     ({"discount": 1.5}, "discount: found 1.5, expected a number in [0, 1]"),
     ({"history": 0, "policy": len}, "history: found 0, expected a whole number of at least 1"),
     ({"history": 2, "policy": ["optimized"]}, "history: found 2, but no object that could see so many"),
     ({"history": 2, "policy": SeesThree()}, "history: found 2, but no object that could see so many"),
-    ({"history": 2, "policy": {"kind": "custom", "target": len}}, "found 2, but no object that could"),
     ({"history": {"a": 2}, "policy": {"a": {"kind": "custom", "target": len}}}, "found 'a'"),
     ({"history": {"x": 2}, "policy": {"y": len}}, "history: found 'x', expected one of y: others set"),
-    ({"policy": Watching}, "policy: found the class Watching, expected an object: Watching(…)"),
+    ({"policy": SeesThree}, "policy: found the class SeesThree, expected an object: SeesThree(…)"),
     ({"policy": {"mine": 3}}, "policy: found 3, expected one policy: a kind, a block, an object with decide"),
     ({"policy": "optimised"}, "did you mean 'optimized'?"),
     ({"policy": "kind: rndom"}, "policy: kind: found 'rndom'; did you mean 'random'?"),
@@ -60,25 +57,15 @@ def test_a_policy_may_stand_in_a_file(tmp_path):
         returns(file)
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        (
-            "ppo.zip",
-            "if it holds a model, load that in Python and call ibdata.evaluate(model), or ibdata.save_",
-        ),
-        (
-            "actor.safetensors",
-            "a file of weights, expected a block; write '{kind: network, file: actor.safeten",
-        ),
-    ],
-)
-def test_a_file_of_a_model_says_what_to_do(tmp_path, monkeypatch, name, message):
+def test_a_file_of_a_model_says_what_to_do(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / name).write_bytes(b"PK\3\4\0\0")
-    with pytest.raises(UsageError, match=f"^{name}: found a file ") as caught:
-        evaluate(name)
-    assert message in str(caught.value)
+    for name, message in (
+        ("ppo.zip", "if it holds a model, load that in Python and call ibdata.evaluate"),
+        ("actor.safetensors", "of weights, expected a block; write '{kind: network, file: actor"),
+    ):
+        (tmp_path / name).write_bytes(b"PK\3\4\0\0")
+        with pytest.raises(UsageError, match=f"^{name}: found a file (.*; )?{message}"):
+            evaluate(name)
 
 
 class Seeing:
@@ -92,17 +79,9 @@ class Seeing:
         return np.zeros((len(observations), 3))
 
 
-def test_a_tuple_is_actions_and_a_state():
-    def three(observations):
-        return tuple(np.ones(len(observations), dtype=np.int64) for _ in range(3))
-
-    with pytest.raises(PolicyError, match="found a tuple of 3, expected actions, or actions and a state"):
-        evaluate(three, steps=3, episodes=2)
-
-
 def test_policies_may_have_own_labels_and_histories():
-    own = Seeing(2000)
-    own.needs = Needs(history=2000)
+    own = Seeing(40)
+    own.needs = Needs(history=40)
     given = [
         {"TD3 + BC": Seeing(1), "long": Seeing(3), "own": own},
         "constant",
@@ -111,9 +90,6 @@ def test_policies_may_have_own_labels_and_histories():
     found = evaluate(given, history={"long": 3}, steps=3, episodes=2)
     assert [r.policy for r in found.results] == ["TD3 + BC", "long", "own", "constant", "constant-2"]
     assert (found.returns[:3] == found.returns[3]).all()
-    assert (
-        evaluate([Seeing(3), "constant"], history=3, steps=3, episodes=2).returns == found.returns[3]
-    ).all()
 
 
 def test_messages_have_the_label_that_was_given():
@@ -182,13 +158,10 @@ def test_rewards_are_weighted_as_in_a_dataset():
     assert change == pytest.approx(cost[0] - cost[1], abs=1e-4)
 
 
-def test_a_view_that_nobody_could_see_is_refused():
+def test_a_view_that_nobody_could_see_or_an_object_within_another_policy_is_refused():
+    """Also beside an object that sees it."""
     with pytest.raises(UsageError, match="view: found one, but no object that could see it"):
         ibdata.evaluate("safe", **ALIKE, view={"observe": "markov"})
-
-
-def test_a_view_that_an_object_within_another_policy_would_not_see_is_refused():
-    """Also beside an object that sees it."""
     within = {"kind": "epsilon_greedy", "base": Watcher(), "epsilon": 0.1}
     for given in ([Watcher(), within], {"a": Watcher(), "b": {"kind": "mixture", "bases": ["safe", within]}}):
         with pytest.raises(UsageError, match=r"^view: found (epsilon_greedy|b), an object within"):

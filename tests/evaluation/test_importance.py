@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from helpers.evaluating import POLICY, Data, policy_of
+from helpers.evaluating import POLICY
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError
@@ -15,16 +15,6 @@ from ibdata.evaluation.importance import of_ratios
 from ibdata.evaluation.overlap import Ratios, log_ratios
 from ibdata.experiment import Experiment
 from ibdata.policies import POLICIES, Certain, ClippedNormal, Decision, Distribution, Needs
-
-
-def test_where_only_the_behaviour_has_a_mass_the_ratio_is_0():
-    """A density of 1/8 at the base's action is not a probability of it."""
-    data = Data(POLICY["ε-greedy"], 50)
-    found = data.importance(POLICY["random"])
-    kept = np.isclose(np.exp(data.log_prob), 0.5)
-    assert 0 < kept.sum() < kept.size
-    assert (found.ratios[kept] < 1e-12).all()
-    assert found.ratios[~kept] == pytest.approx(2.0)
 
 
 def of_logs(logs, rewards, discount):
@@ -65,9 +55,8 @@ def test_weights_that_overflow_have_no_estimate():
     ratios.recorded[0] = 20.0
     found = of_ratios("x", ratios, np.ones((3, 50)), 1.0)
     assert [r.mean_return for r in found.results] == [pytest.approx(50.0), None, None]
-    assert (
-        found.notes[0]
-        == "warning: some weights are larger than any number, so only the weighted estimate is there"
+    assert found.notes[0].startswith(
+        "warning: some weights are larger than any number, so only the weighted "
     )
 
 
@@ -87,22 +76,8 @@ def test_errors_equal_the_jackknife():
 
 def warned_of(found):
     """The methods whose estimates have a warning of their own."""
-    return [
-        each.method for each in found.results if re.search(f"(: |; ){each.method} ", "\n".join(found.notes))
-    ]
-
-
-def test_an_estimate_that_lacks_rare_episodes_is_named():
-    """A mean weight of 0.71 ± 0.05: the truth, of 40,000 episodes of the target, is -580.7 ± 2."""
-    low = {"kind": "sampled", "base": {"kind": "network", "file": "neorl-low"}, "share": 1.0}
-    data = Data(policy_of(low), 3000, steps=2, setpoints=50, seed=3)
-    found = data.importance(POLICY["random"], discount=1.0)
-    off = [abs(each.mean_return + 580.7) / each.standard_error for each in found.results]
-    assert found.effective[-1] > 100.0
-    assert off[0] < 2.0
-    assert min(off[1:]) > 4.0
-    assert {"per decision", "ordinary"} <= set(warned_of(found))
-    assert re.search(r"per decision is 3\.[67]\d of its standard errors from weighted, more", repr(found))
+    said = "\n".join(found.notes)
+    return [each.method for each in found.results if re.search(f"(: |; ){each.method} ", said)]
 
 
 def test_estimates_far_off_have_a_warning_and_near_ones_none():
@@ -196,8 +171,6 @@ def test_a_density_is_0_at_point_masses_it_lacks(dataset):
 
 ANSWERS = [
     ("log_density", lambda self, action: np.zeros((len(action), 1)), r"log densities of shape \(\d+, 1\)"),
-    ("log_density", lambda self, action: np.full(len(action), np.inf), "found the log density inf at "),
-    ("log_density", lambda self, action: None, "found None, expected log densities"),
     ("log_density", lambda self, action: action[:, 5], "test_importance.py:[0-9]+: IndexError"),
     ("atoms", lambda self, action: np.zeros(len(action), bool), r"found atoms of bool and shape \(\d+,\)"),
     ("sample", lambda self, u: u[:, :2], r"found actions of shape \(\d+, 2\)"),
@@ -237,10 +210,8 @@ def test_episodes_chosen_by_their_returns_are_refused(dataset):
         with pytest.raises(UsageError, match=r"^returns: found episodes that were chosen by"):
             ibdata.importance(chosen, "random")
     ibdata.importance(dataset.select(episodes=range(40, 80)), "random")
-    everything = ibdata.importance(dataset.select(returns=(None, 0.0)), "random")
-    assert everything.plain() == ibdata.importance(dataset, "random").plain(), (
-        "limits that exclude nothing choose nothing"
-    )
+    everything = dataset.select(returns=(None, 0.0))  # limits that exclude nothing choose nothing
+    assert ibdata.importance(everything, "random").plain() == ibdata.importance(dataset, "random").plain()
 
 
 def test_episodes_of_different_lengths_are_refused(dataset, tmp_path):

@@ -11,7 +11,7 @@ from ibdata import noise_floor, state_at
 from ibdata.dynamics import Noise, step
 from ibdata.errors import UsageError
 
-DRAWS = 40_000 if FULL else 20_000
+DRAWS = 40_000 if FULL else 10_000
 
 
 def next_steps(ds, row, dynamics, seed=0):

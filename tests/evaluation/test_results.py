@@ -10,8 +10,6 @@ from helpers.evaluating import returns
 
 from ibdata import evaluate
 
-FEW_STEPS = {"burn_in": [1, 2]}
-
 
 def test_the_statistics_are_those_of_the_returns():
     found = evaluate("random", [10.0, 70.0], steps=30, episodes=50)
@@ -48,19 +46,16 @@ def test_differences_are_paired_and_of_every_two_policies():
 
 
 SETTINGS = [
-    {},
     {"setpoint": "drifting"},
-    {"start": FEW_STEPS},
-    {"dynamics": {"base": "paper", "eta_mean": 0.1}},
+    {"dynamics": {"base": "paper", "eta_mean": 0.1}, "start": {"burn_in": [1, 2]}},
 ]
 
 
 @pytest.mark.parametrize("settings", SETTINGS)
 def test_random_scores_0_and_the_top_100_without_error(settings):
     base = settings.get("dynamics", {"base": "siemens"})["base"]
-    found = evaluate(
-        ["random", "safe", "optimized", {"kind": "expert", "dynamics": base}], episodes=30, **settings
-    )
+    expert = {"kind": "expert", "dynamics": base}
+    found = evaluate(["random", "safe", "optimized", expert], episodes=30, **settings)
     random, safe, optimized, expert = found.results
     assert (random.score, random.score_error, random.expert_score) == (0.0, 0.0, 0.0)
     assert (optimized.score, optimized.score_error, expert.expert_score) == (100.0, 0.0, 100.0)

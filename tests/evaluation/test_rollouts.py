@@ -5,13 +5,10 @@ import pytest
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.experiment import Experiment
 
 ACTIONS = ["act_velocity", "act_gain", "act_shift"]
 EXPERIMENTS = {
     "siemens, two setpoints": {"setpoints": [20, 70]},
-    "paper, uniform": {"setpoints": [50], "dynamics": "paper", "start": "uniform"},
-    "moving": {"setpoints": {"drifting": [50, 80]}},
     "burn-in, moving, paper": {
         "setpoints": {"drifting": [95]}, "dynamics": "paper", "start": {"burn_in": [3, 40]},
     },
@@ -22,7 +19,7 @@ EXPERIMENTS = {
 def dataset(request, tmp_path_factory):
     plain = {"name": "x", "policies": [{"kind": "random"}], "episodes": 5, "steps": 60}
     folder = tmp_path_factory.mktemp("rollouts") / "x"
-    return ibdata.generate(Experiment.model_validate({**plain, **EXPERIMENTS[request.param]}), folder)
+    return ibdata.generate({**plain, **EXPERIMENTS[request.param]}, folder, workers=1)
 
 
 def test_the_recorded_actions_give_the_row_again_bit_for_bit(dataset):
@@ -52,10 +49,14 @@ def test_the_rest_of_an_episode_is_played_again_under_other_actions(dataset):
 
 
 @pytest.fixture(scope="module")
-def state(tmp_path_factory):
+def safe(tmp_path_factory):
     plain = {"name": "x", "setpoints": [70], "policies": [{"kind": "safe"}], "episodes": 2, "steps": 40}
-    made = ibdata.generate(Experiment.model_validate(plain), tmp_path_factory.mktemp("state") / "x")
-    return ibdata.state_at(made, ([0, 0, 1], [0, 30, 30]))
+    return ibdata.generate(plain, tmp_path_factory.mktemp("state") / "x", workers=1)
+
+
+@pytest.fixture(scope="module")
+def state(safe):
+    return ibdata.state_at(safe, ([0, 0, 1], [0, 30, 30]))
 
 
 def sequences(*shape):
@@ -89,13 +90,10 @@ def test_many_lanes_are_those_of_few(state):
     )
 
 
-def test_rollouts_go_on_and_the_mean_is_the_true_value_s(state, tmp_path):
+def test_rollouts_go_on_and_the_mean_is_the_true_value_s(safe):
     """The mean of 4,000 samples and that of 4,000 branches differ by less than four standard errors."""
-    plain = {"name": "x", "setpoints": [70], "policies": [{"kind": "safe"}], "episodes": 2, "steps": 40}
-    made = ibdata.generate(Experiment.model_validate(plain), tmp_path / "x")
-    still = {"kind": "constant", "action": [0, 0, 0]}
-    known = ibdata.true_values(made, (0, 30), still, steps=20, discount=1.0, episodes=4000)
-    first = ibdata.rollouts(made, np.zeros((1, 5, 3)), rows=(0, 30), samples=4000)
+    known = ibdata.true_values(safe, (0, 30), "constant", steps=20, discount=1.0, episodes=4000)
+    first = ibdata.rollouts(safe, np.zeros((1, 5, 3)), rows=(0, 30), samples=4000)
     rest = ibdata.rollouts(first, np.zeros((1, 15, 3)))
     assert (first.steps, rest.steps, rest.world) == (5, 20, first.world)
     returns = first.rewards[0, 0].sum(axis=1) + rest.rewards[:, 0, 0].sum(axis=1)
@@ -131,14 +129,10 @@ def test_views_see_and_reward_as_everywhere(state):
         ({"actions": np.zeros((2, 3))}, r"^actions: found .*expected \(k, h, 3\) or \(3, k, h, 3\) finite"),
         ({"actions": np.zeros((2, 1, 1, 3))}, "^actions: found"),
         ({"actions": [[[np.nan, 0, 0]]]}, "^actions: found"),
-        (
-            {"noise": "recorded"},
-            "^noise: found 'recorded', expected a seed, or 'recorded' with rows of a dataset",
-        ),
+        ({"noise": "recorded"}, "^noise: found 'recorded', expected a seed, or 'recorded' with rows of"),
         ({"samples": 0}, "^samples: found 0, expected at least 1"),
         ({"start": 5}, "^start: found 5, expected a dataset with rows=, a State, or settings"),
         ({"samples": 10**12}, "^samples: "),
-        ({"start": {1: 2}}, "^start: found 1, expected setpoint, start and dynamics"),
         ({"start": {"setpoint": 70, "seed": 1}}, "^start: found seed, expected"),
         ({"noise": -1}, "^noise: found -1, expected a seed of at least 0"),
         ({"actions": np.zeros((1, 1, 3), complex)}, "^actions: found"),

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import ibdata
-from ibdata.policies import POLICIES, Decision
+from ibdata.policies import POLICIES
 
 FEW = {"setpoint": 70, "steps": 60, "episodes": 20}
 PAPER = POLICIES["expert"](dynamics="paper")
@@ -33,13 +32,3 @@ def test_a_run_says_that_an_expert_is_made_for_other_dynamics(tmp_path, capsys):
     assert "ibdata: sticky: this expert is made for siemens; for paper, write" in capsys.readouterr().err
     ibdata.generate({**plain, "policies": [{"kind": "expert", "dynamics": "paper"}]}, tmp_path / "b")
     assert capsys.readouterr().err == ""
-
-
-def test_a_subclass_is_not_the_policy_of_the_scale():
-    class Other(POLICIES["optimized"]):
-        def decide(self, observed):
-            return Decision(np.zeros((len(observed.step), 3)), observed.memory)
-
-    other, constant, optimized = ibdata.evaluate([Other(), "constant", "optimized"], **FEW).results
-    assert other.score == constant.score
-    assert optimized.score == 100.0

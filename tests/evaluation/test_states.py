@@ -61,11 +61,11 @@ def test_a_merged_dataset_has_the_states_of_its_parts(dataset, describe, tmp_pat
 WAYS = "(episode, step), or an array of pairs of them (n, 2), or of numbers of rows"
 
 
-@pytest.mark.parametrize("rows", [[3, 10], (3, 10, 17), ((3, 10), (4, 17))], ids=str)
-def test_rows_that_might_be_meant_in_two_ways_are_refused(dataset, rows):
-    with pytest.raises(UsageError) as caught:
-        state_at(dataset, rows)
-    assert str(caught.value) == f"rows: found {rows}, expected {WAYS}"
+def test_rows_that_might_be_meant_in_two_ways_are_refused(dataset):
+    for rows in ([3, 10], (3, 10, 17), ((3, 10), (4, 17))):
+        with pytest.raises(UsageError) as caught:
+            state_at(dataset, rows)
+        assert str(caught.value) == f"rows: found {rows}, expected {WAYS}"
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,6 @@ def damage(folder, column, row, value):
         ("obs_fatigue", 12.5, "episode 1: step 10: obs_fatigue: found 12.5, expected "),
         ("latent_mu_g", 0.5, "episode 1: step 10: latent_mu_g: found 0.5, expected "),
         ("act_gain", 0.25, "episode 1: step 10: reward: found -"),
-        ("act_gain", np.nan, "episode 1: step 10: found the action [0.09"),
         ("reward", np.nan, "episode 1: step 10: reward: found nan, expected -"),
     ],
 )

@@ -86,17 +86,10 @@ def test_the_page_says_which_pairs_have_support():
 
 
 @pytest.mark.parametrize(
-    ("name", "target"),
-    [
-        ("random", "safe"),
-        ("safe", "gaussian"),
-        ("random", "bad"),
-        ("bad", "random"),
-        ("mixture", "safe"),  # in an episode of random
-        ("schedule", "gaussian"),
-    ],
+    ("name", "target"), [("random", "safe"), ("bad", "random"), ("mixture", "safe"), ("schedule", "gaussian")]
 )
 def test_actions_that_the_data_never_have_are_named(name, target):
+    """Those of a mixture in an episode of random."""
     with pytest.raises(UsageError) as error:
         few(name).importance(POLICY[target])
     found = re.fullmatch(
@@ -110,28 +103,13 @@ def test_actions_that_the_data_never_have_are_named(name, target):
     assert 0.0 < float(found[2]) <= 100.0
 
 
-# Log ratios of correct pairs of policies, by the number of a behaviour's action (0) or of a target's (1).
-def shifted(random, shape, action):
-    """Normal actions; the target's mean is 0.2 standard deviations away."""
-    return 0.2 * (random.normal(size=shape) + 0.2 * action) - 0.02
-
-
-def rare(random, shape, action):
-    """An action with the probability 0.01, or the target's 0.1."""
-    return np.log(np.where(random.random(shape) < (0.01, 0.1)[action], 0.1 / 0.01, 0.9 / 0.99))
-
-
-def notes_of(law, shape, seed, wrong=0.0):
-    random = np.random.default_rng(seed)
-    ratios = Ratios(*(law(random, shape, action) + wrong for action in (0, 1)))
-    with np.errstate(over="ignore"):
-        return notes_on_mean_weights(ratios, np.exp(np.cumsum(ratios.recorded, axis=1)))
-
-
-@pytest.mark.parametrize("law", [shifted, rare])
 @pytest.mark.parametrize("wrong", [-0.1, 0.1])
-def test_a_wrong_density_is_a_warning(law, wrong):
-    [note] = notes_of(law, (4000, 30), 0, wrong)
+def test_a_wrong_density_is_a_warning(wrong):
+    """Of normal actions, where the target's mean is 0.2 standard deviations away."""
+    random = np.random.default_rng(0)
+    logs = (0.2 * (random.normal(size=(4000, 30)) + 0.2 * action) - 0.02 + wrong for action in (0, 1))
+    ratios = Ratios(*logs)
+    [note] = notes_on_mean_weights(ratios, np.exp(np.cumsum(ratios.recorded, axis=1)))
     found = re.fullmatch(
         r"warning: the mean weight of step (\d+) is (\d\.\d+) ± 0\.\d+, further from 1 than chance allows: "
         "one of the densities is wrong",

@@ -30,11 +30,6 @@ GOLDEN = {
         '"start": "default"}',
         "42783eeed6ee54d3380f85ab8b691a1f9b5ebe334180a048cc70643d9fa7c861",
     ),
-    "the paper's equations": (
-        ("paper", 0, SAFE, "uniform"),
-        '{"dynamics": "paper", "policy": {"kind": "safe"}, "setpoint": "0x0.0p+0", "start": "uniform"}',
-        "572f0e367b53126da23fa7e7bfbb685099b8fb1abf8b97232b90d01f4a6635e6",
-    ),
     "drifting": (
         ("siemens", {"drifting": 0.1}, RANDOM, "default"),
         '{"dynamics": "siemens", "policy": {"kind": "random"}, '
@@ -47,12 +42,6 @@ GOLDEN = {
         '"policy": {"action": [0.5, -1.0, 0.1], "kind": "constant"}, '
         '"setpoint": "0x1.9000000000000p+6", "start": {"burn_in": [15, 64]}}',
         "e98625a22f9bc0c1419149b209a3c67e23a6fd961a3c53ebbb80dd06cee43e0d",
-    ),
-    "exploration around a baseline": (
-        ("siemens", 70, GREEDY, "default"),
-        '{"dynamics": "siemens", "policy": {"base": {"kind": "optimized"}, "epsilon": 0.2, '
-        '"kind": "epsilon_greedy"}, "setpoint": "0x1.1800000000000p+6", "start": "default"}',
-        "933898fbcaaec0436b563ebd7ea753403e948936689f17605c03281e9bc84d12",
     ),
     "noise around a baseline": (
         ("siemens", 70, {"kind": "gaussian", "base": NUDGE, "scale": 0.25}, "default"),
@@ -85,13 +74,9 @@ def test_the_digest_of_a_cell_never_changes(fields, form, digest):
 
 def test_one_cell_said_in_two_ways_has_one_digest():
     spelt_out = {"kind": "constant", "action": [0, 0, 0]}
-    for short, long in (({"kind": "constant"}, spelt_out), (wrapped("constant"), wrapped(spelt_out))):
-        assert digests(policies=[short]) == digests(policies=[long])
+    for wrapped in (lambda base: base, lambda base: {"kind": "gaussian", "base": base, "scale": 1}):
+        assert digests(policies=[wrapped("constant")]) == digests(policies=[wrapped(spelt_out)])
     assert digests(setpoints=-0.0) == digests(setpoints=0.0)  # they give the same data
-
-
-def wrapped(base):
-    return {"kind": "gaussian", "base": base, "scale": 1}
 
 
 def test_cells_are_ordered_by_policy_and_depend_on_nothing_else():
@@ -102,20 +87,14 @@ def test_cells_are_ordered_by_policy_and_depend_on_nothing_else():
 
 
 def test_whatever_changes_the_cell_changes_its_digest():
-    other_policies = [
-        *(SAFE, {"kind": "constant"}, NUDGE, {**NUDGE, "action": [0.5, -1, 0.2]}, {"kind": "optimized"}),
-        *(GREEDY, {**GREEDY, "epsilon": 0.4}, {**GREEDY, "base": {"kind": "bad"}}),
-    ]
-    other_dynamics = [
-        *("paper", {"base": "paper", "eta_mean": 0.1}),
-        *({"base": "siemens", "eta_mean": 0.2}, {"base": "siemens", "drift_rate": [-1, 0.5]}),
-    ]
+    policies = [NUDGE, {**NUDGE, "action": [0.5, -1, 0.2]}, GREEDY, {**GREEDY, "base": {"kind": "bad"}}]
+    dynamics = ["paper", {"base": "paper", "eta_mean": 0.1}, {"base": "siemens", "eta_mean": 0.2}]
     changes = [
         {},
         *({"setpoints": x} for x in (71, math.nextafter(70.0, 71.0), {"drifting": 70}, {"drifting": 71})),
-        *({"policies": [x]} for x in other_policies),
+        *({"policies": [x]} for x in policies),
         *({"start": x} for x in ("uniform", {"burn_in": [0, 0]}, {"burn_in": [0, 1]})),
-        *({"dynamics": x} for x in other_dynamics),
+        *({"dynamics": x} for x in dynamics),
     ]
     assert len({digests(**change)[0] for change in changes}) == len(changes)
 
@@ -128,8 +107,7 @@ def constants(*names):
 @pytest.mark.parametrize(
     ("names", "labels"),
     [
-        ((None, None, None), ("constant", "constant-2", "constant-3")),
-        (("a", None, "a"), ("a", "constant", "a-2")),
+        (("a", None, "a", None), ("a", "constant", "a-2", "constant-2")),
         ((None, "constant"), ("constant", "constant-2")),
         (("a", "a-2", "a"), ("a", "a-2", "a-3")),
         (("a", "a", "a-2"), ("a", "a-2", "a-2-2")),
@@ -163,7 +141,6 @@ def test_each_form_of_setpoints_gives_its_numbers(value, expected):
     ("episodes", "ranges"),
     [
         (100, {"train": (0, 89), "validation": (90, 99)}),
-        (10, {"train": (0, 8), "validation": (9, 9)}),
         (5, {"train": (0, 3), "validation": (4, 4)}),
         (2, {"train": (0, 0), "validation": (1, 1)}),
     ],
@@ -195,11 +172,8 @@ def test_a_declared_split_without_an_episode_is_refused(split):
 
 
 def test_shares_of_splits_are_those_of_the_episodes_that_are_made():
-    shares = {"train": {"episodes": "first 80%"}, "test": {"episodes": "last 20%"}}
-    small = Experiment(name="x", setpoints=20, policies=["random"], episodes=10, splits=shares)
-    for large in (
-        load(small, {"episodes": 100}),
-        small.model_copy(update={"episodes": 100}),
-        load({**small.plain(), "episodes": 100}),
-    ):
+    small = experiment(
+        episodes=10, splits={"train": {"episodes": "first 80%"}, "test": {"episodes": "last 20%"}}
+    )
+    for large in (load(small, {"episodes": 100}), small.model_copy(update={"episodes": 100})):
         assert [len(split.indices(large.episodes)) for split in large.splits.values()] == [80, 20]

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ibdata.errors import UsageError
-from ibdata.experiment import Experiment, as_yaml, load, load_all
+from ibdata.experiment import Experiment, load, load_all
 from ibdata.generation.estimate import estimate
 from ibdata.policies import POLICIES
 
@@ -43,16 +42,6 @@ def test_every_form_is_the_same_experiment(form):
     assert load(given) == Experiment(**PLAIN)  # what is given does not change
 
 
-def test_bare_names_are_blocks_and_leave_no_trace():
-    wrapped = {"kind": "gaussian", "scale": 0.1}
-    short = load({**PLAIN, "policies": ["random", "safe", {**wrapped, "base": "optimized"}]})
-    blocks = [{"kind": "random"}, {"kind": "safe"}, {**wrapped, "base": {"kind": "optimized"}}]
-    long = load({**PLAIN, "policies": blocks})
-    assert short == long
-    assert as_yaml(short) == as_yaml(long)
-    assert [cell.digest for cell in short.cells] == [cell.digest for cell in long.cells]
-
-
 def test_the_types_of_python_and_numpy_are_those_of_yaml():
     made = Experiment(
         name="x",
@@ -76,7 +65,6 @@ GIVEN = {
     "splits": {"a": {"setpoint": 20}},
 }
 ALIKE = {  # the text of an override: the same in a mapping
-    "output.dtype=float64": {"output.dtype": "float64"},
     "setpoints.stop=20": {"setpoints.stop": 20},
     "policies.0.base.action=[0, 0, 1]": {"policies.0.base.action": (0, 0, 1)},
     "policies.0={kind: random}": {"policies.0": {"kind": "random"}},
@@ -87,24 +75,6 @@ ALIKE = {  # the text of an override: the same in a mapping
 @pytest.mark.parametrize(("text", "mapping"), ALIKE.items(), ids=ALIKE)
 def test_an_override_is_the_same_in_a_text_and_a_mapping(text, mapping):
     assert load(GIVEN, [text]) == load(GIVEN, mapping) != load(GIVEN)
-
-
-@pytest.mark.parametrize(
-    ("given", "overrides", "line"),
-    [
-        ({"steps": 0}, {}, "steps: found 0, expected a whole number of at least 1"),
-        ({}, {"steps": 0}, "override steps: found 0, expected a whole number of at least 1"),
-        ({}, {"output": {"dtyp": 1}}, "override output.dtyp: no such option; did you mean 'dtype'?"),
-        ({}, {"a..b": 1}, "override: found the key 'a..b', expected names joined by dots"),
-        ({}, "steps=1", "overrides: found 'steps=1', expected a list of texts key=value, or a mapping"),
-        ({}, [1], "overrides: found [1], expected a list of texts key=value"),
-    ],
-)
-def test_a_mistake_is_one_line_that_names_its_key(given, overrides, line):
-    with pytest.raises(UsageError) as error:
-        load({**PLAIN, **given}, overrides)
-    assert str(error.value).startswith(line)
-    assert "\n" not in str(error.value)
 
 
 def test_an_object_of_an_unknown_class_is_live():

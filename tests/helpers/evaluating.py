@@ -29,7 +29,6 @@ BLOCKS = {
     "safe": {"kind": "safe"},
     "bad": BAD,
     "sampled": {"kind": "sampled", "base": NETWORK, "share": 1.0},
-    "gaussian of network": {"kind": "gaussian", "base": NETWORK, "scale": 0.6},
     "ε-greedy": {"kind": "epsilon_greedy", **HALF},
     "ε-greedy of expert": {"kind": "epsilon_greedy", "base": {"kind": "expert"}, "epsilon": 0.2},
     "gaussian": {"kind": "gaussian", "base": BAD, "scale": 1.0},

@@ -1,15 +1,13 @@
-"""Policies of every kind, asked and played alone, and one that keeps what it sees."""
+"""Policies of every kind, asked and played alone."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.policies import POLICIES, Decision, Needs, Observed, Policy
+from ibdata.policies import POLICIES, Observed, Policy
 from ibdata.policies.base import at_start
 from ibdata.policies.checked import ask
 from ibdata.policies.code import Acting
@@ -111,22 +109,3 @@ def playing(policy: Policy, n: int, steps: int, seed: int = 0) -> Iterator[tuple
 def played(policy: Policy, n: int, steps: int, seed: int = 0) -> Actions:
     """The actions (n, steps, 3)."""
     return np.stack([actions for _, actions in playing(policy, n, steps, seed)], axis=1)
-
-
-class Watching(Policy):
-    """Does nothing, and keeps what it sees. It is also asked before a run, with other numbers of episodes."""
-
-    kind: Literal["watching"] = "watching"
-    frames: int = 1
-
-    @property
-    def needs(self):
-        return Needs(history=self.frames)
-
-    @cached_property
-    def seen(self):
-        return []
-
-    def decide(self, observed):
-        self.seen.append(observed.observations.copy())
-        return Decision(np.zeros((len(observed.step), 3)), observed.memory)

@@ -28,17 +28,15 @@ def test_all_that_a_process_compiles_is_one_line(capsys):
     assert capsys.readouterr() == ("", ONCE)
 
 
-def test_what_a_later_process_compiles_is_a_part(tmp_path, capsys):
-    """It takes less time."""
+def test_what_a_later_process_compiles_is_a_part_and_without_a_cache_folder_the_line_says_why(
+    tmp_path, places, capsys
+):
+    """It takes less time, or happens in every run."""
     (tmp_path / "numba").mkdir()
     (tmp_path / "numba/x.nbc").touch()
     compiled.Announcement().begin("ibdata.policies.network")
     said = "ibdata: compiling ibdata.policies.network, which was not used before; this takes a few seconds\n"
     assert capsys.readouterr().err == said
-
-
-def test_without_a_cache_folder_the_line_says_why(places, capsys):
-    """It happens in every run then."""
     places[0] = places[0]._replace(lasting=False)
     compiled.Announcement().begin("ibdata.policies.network")
     assert "in every run, because no cache folder can be written to" in capsys.readouterr().err

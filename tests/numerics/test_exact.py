@@ -33,13 +33,14 @@ def relative(got: float, want: mpmath.mpf) -> float:
 def uniforms(rng: np.random.Generator) -> np.ndarray:
     """A grid (without ½, whose normal is 0), both tails down to 2⁻⁵³, and the joints of AS 241."""
     grid = np.arange(1, 200)[np.arange(1, 200) != 100] / 200.0
-    tails = 10.0 ** rng.uniform(-15.9, -1.0, 250)
+    tails = 10.0 ** rng.uniform(-15.9, -1.0, 60)
     joints = np.array([0.075, 0.925, math.exp(-25.0)])
     near = np.concatenate([joints * (1.0 + x) for x in (-1e-9, 0.0, 1e-9)])
     return np.concatenate([[SMALLEST, LARGEST], grid, tails, 1.0 - tails, near])
 
 
 RNG = np.random.default_rng(1)
+WIDE = RNG.uniform(-1.0, 1.0, 1500)
 SMALL = 10.0 ** RNG.uniform(-300.0, 0.0, 500)
 NEAR_ONE = 1.0 + np.concatenate([RNG.uniform(-0.01, 0.01, 1000), 10.0 ** RNG.uniform(-15.0, -1.0, 500)])
 NEAR_FOLD = math.sqrt(2.0) * (1.0 + RNG.uniform(-1e-3, 1e-3, 500))  # where the power of two changes
@@ -47,18 +48,8 @@ NEAR_FOLD = math.sqrt(2.0) * (1.0 + RNG.uniform(-1e-3, 1e-3, 500))  # where the 
 ERRORS = {
     "exp": (exp, mp.exp, [np.linspace(-708.0, 709.0, 1418), RNG.uniform(-40.0, 40.0, 3000)], 1.0),
     "log": (log, mp.log, [1.0 / SMALL, SMALL, RNG.uniform(0.0, 1.0, 1500), NEAR_ONE, NEAR_FOLD], 2.0),
-    "logistic": (
-        logistic,
-        lambda x: 1 / (1 + mp.exp(-x)),
-        [RNG.uniform(-708.0, 708.0, 800), RNG.uniform(-6.0, 6.0, 1500)],
-        2.5,
-    ),
-    "tanh": (
-        tanh,
-        mp.tanh,
-        [RNG.uniform(-20.0, 20.0, 1000), RNG.uniform(-1.0, 1.0, 1500), SMALL, -SMALL],
-        3.0,
-    ),
+    "logistic": (logistic, lambda x: 1 / (1 + mp.exp(-x)), [708.0 * WIDE, 6.0 * WIDE], 2.5),
+    "tanh": (tanh, mp.tanh, [20.0 * WIDE, WIDE, SMALL, -SMALL], 3.0),
     "exponential": (exponential, lambda u: -mp.log(u), [uniforms(RNG)], 2.0),
     "normal": (normal, lambda u: mp.sqrt(2) * mp.erfinv(2 * u - 1), [uniforms(RNG)], 16.0),  # 2e-15
 }
@@ -128,8 +119,5 @@ def test_the_error_of_the_cosine_is_below_that_of_a_double():
     with mpmath.workprec(120):
         errors = [abs(mpmath.cospi(2 * mpmath.mpf(float(x))) - mpmath.mpf(float(cosine(x)))) for x in TURNS]
     assert max(errors) < 2e-16
-
-
-def test_the_constant_is_its_formula_rounded_to_a_double():
     with mpmath.workprec(200):
         assert float(2 * mpmath.pi) == TWO_PI

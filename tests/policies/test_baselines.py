@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import mpmath
 import numpy as np
 import pytest
-from helpers.policies import action_of, log_density_of, proposed
+from helpers.policies import action_of, proposed
 
 from ibdata.policies import POLICIES
 from ibdata.policies.baselines import OBSERVATION_MEAN
-from ibdata.policies.distributions import LOG_EIGHTH
 
-Constant, Random = POLICIES["constant"], POLICIES["random"]
+Random = POLICIES["random"]
 Bad, Mediocre, Optimized = (POLICIES[kind] for kind in ("bad", "mediocre", "optimized"))
 SMALLEST, LARGEST = 2.0**-53, 1.0 - 2.0**-53
 SOME = np.arange(18, dtype=np.float32).reshape(3, 1, 6)
@@ -71,10 +69,3 @@ def test_random_scales_each_draw_to_minus_1_to_1(u, expected):
         draws = np.full((1, 3), 0.5)
         draws[0, j] = u
         assert proposed(Random(), SOME[:1], draws)[0, j] == expected
-
-
-def test_its_log_density_is_log_one_eighth():
-    with mpmath.workprec(200):
-        assert float(mpmath.log(mpmath.mpf(1) / 8)) == LOG_EIGHTH
-    action = np.array([[-0.999, 0.0, 0.999]] * 3, dtype=np.float32)
-    assert log_density_of(Random(), SOME, action).tolist() == [LOG_EIGHTH] * 3

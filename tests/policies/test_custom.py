@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 
 import numba
 import numpy as np
 import pytest
+from helpers import remembering
 from helpers.own_code import described
 from helpers.policies import proposed, ready
 
@@ -25,7 +27,6 @@ from ibdata.policies.user_object import Custom
         ({"target": "mine:actor", "draws": 3}, lambda h, u: 0.25 * (2 * u - 1) + 0.001 * h[:, 0, 1:4]),
         ({"target": "mine:Learned", "history": 2}, lambda h, u: np.tanh(h[:, 1, 1:4] / 100.0)),
         ({"target": "mine:made", "params": {"value": 0.125}}, lambda h, u: np.full((len(h), 3), 0.125)),
-        ({"target": "mine:still"}, lambda h, u: np.full((len(h), 3), 0.125)),
         ({"target": "mine:still", "params": {"value": 0.5}}, lambda h, u: np.full((len(h), 3), 0.5)),
     ],
 )  # fmt: skip
@@ -44,10 +45,7 @@ def test_act_and_predict_are_asked_for_actions(mine, options, actions):
         ("mine:by_name", "mine:by_name: found a function of obs, expected one whose first parameter is `obs"),
         ("absent_module:x", "absent_module:x: cannot be loaded: ModuleNotFoundError"),
         ("mine:failing", "mine:failing: cannot be loaded: mine.py:30: RuntimeError: no weights"),
-        (
-            "mine:nothing",
-            "mine:nothing: found object, expected an object with decide(observed), act(history, u)",
-        ),
+        ("mine:nothing", "mine:nothing: found object, expected an object with decide(observed), act(history"),
         ("mine:counting", "policy custom: found other actions when the same was asked again"),
     ],
 )
@@ -97,6 +95,27 @@ def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
     assert ibdata.repair("out", workers=1, allow_code=True) == [shard]
     assert ibdata.reproduce("out", allow_code=True) == (2, [])
     assert ibdata.open("out").content_root == made.content_root
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["Centred", "Resetting"])
+def test_what_is_remembered_is_the_same_over_files_workers_and_repair(mine, shard_file, name):
+    (mine / "remembering.py").write_text(inspect.getsource(remembering))
+    block = {"kind": "custom", "target": f"remembering.py:{name}", "draws": 3}
+    sticky = {"kind": "sticky", "base": block, "kappa": 0.3}
+    plain = {"name": "x", "setpoints": [20, 70], "policies": [block, sticky], "episodes": 3, "steps": 12}
+    together, apart = (
+        ibdata.generate(
+            {**plain, "output": {"shard_rows": rows}}, f"{rows}", workers=workers, allow_code=True
+        )
+        for rows, workers in ((100, 1), (36, 2))
+    )
+    assert together.content_root == apart.content_root
+    assert (len(together.manifest["shards"]), len(apart.manifest["shards"])) == (2, 4)
+    lost = shard_file(apart.path, 2)
+    (apart.path / lost).unlink()
+    assert ibdata.repair(apart.path, workers=1, allow_code=True) == [lost]
+    assert np.isfinite(apart.to_pandas()["action_log_prob"]).any() == (name == "Centred")
 
 
 def test_evaluating_a_file_that_names_code_needs_leave(mine):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from pathlib import Path
 
 import pytest
-from helpers.own_code import described
+from helpers.own_code import described, sha256
 from helpers.policies import ready
 
 import ibdata
@@ -44,12 +43,9 @@ def beside(tmp_path, monkeypatch):
     return run
 
 
-def sha256(path):
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_file_is_found_with_what_it_imports_and_hashed(beside, tmp_path, workers):
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_file_is_found_with_what_it_imports_of_which_an_edit_makes_new_data(beside, tmp_path, workers):
     made = beside("code/own-policy.py:Own", workers=workers)
     assert (made.to_pandas()["act_gain"] == 0.5).all()
     (code,) = made.manifest["code"]
@@ -57,11 +53,7 @@ def test_a_file_is_found_with_what_it_imports_and_hashed(beside, tmp_path, worke
     assert code["target"] == "code/own-policy.py:Own"
     assert code["sha256"] == sha256(folder / "own-policy.py")
     assert code["files"] == {"size_of_mine.py": sha256(folder / "size_of_mine.py")}
-
-
-def test_an_edit_of_a_helper_is_said_and_makes_new_data(beside, tmp_path):
-    made = beside("code/own-policy.py:Own")
-    (tmp_path / "exp/code/size_of_mine.py").write_text("SIZE = 0.25")
+    (folder / "size_of_mine.py").write_text("SIZE = 0.25")
     with pytest.raises(UsageError, match=r"out: holds .* other code, in size_of_mine\.py; --overwrite"):
         beside("code/own-policy.py:Own")
     again = beside("code/own-policy.py:Own", overwrite=True)

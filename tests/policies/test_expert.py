@@ -9,17 +9,11 @@ from helpers import FULL, script
 import ibdata
 from ibdata.dynamics import VARIANTS
 from ibdata.policies import Observed
-from ibdata.policies.expert import (
-    GAINS,
-    UNKNOWN,
-    Expert,
-    numbers,
-    velocity_and_gain,
-)
+from ibdata.policies.expert import GAINS, UNKNOWN, Expert, interpolated, numbers, velocity_and_gain
 
 TABLE, RULE = numbers("siemens")
 K = VARIANTS["siemens"].parameters
-SETPOINTS = np.arange(0.0, 101.0, 10.0 if FULL else 25.0)
+SETPOINTS = np.arange(0.0, 101.0, 10.0) if FULL else [0.0, 52.5, 97.5]
 STARTS = ["default", "uniform", {"burn_in": [15, 64]}]
 
 
@@ -36,12 +30,19 @@ def test_what_it_remembers_is_the_hidden_state(tmp_path):
     columns = [f"obs_{name}" for name in ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")]
     seen = rows[columns].to_numpy(np.float32)
     hidden = rows[["latent_domain", "latent_response", "latent_direction"]].to_numpy()
-    nothing = np.zeros((1, 0))
+    nothing, mu, alarm = np.zeros((1, 0)), 0.0, 0
     for t in range(len(seen)):
         last = seen[[t, max(t - 1, 0)]][None]
         given = Observed(last, np.zeros((1, 2, 3), np.float32), np.array([t]), nothing, nothing, memory)
         memory = np.asarray(policy.decide(given).memory)
-        assert memory[0, :3].tolist() == hidden[t].tolist()
+        *_, mu, alarm = velocity_and_gain(*map(float, seen[t, [0, 1, 2, 4]]), mu, alarm, TABLE, RULE, K)
+        assert memory[0, [0, 1, 2, 4, 5]].tolist() == [*hidden[t].tolist(), mu, alarm]
+
+
+def test_between_its_rows_the_table_is_linear():
+    for p in (0.0, 2.5, 12.3, 52.0, 97.5, 100.0):
+        found = [interpolated(TABLE, p, column) for column in range(TABLE.shape[1])]
+        assert found == pytest.approx([np.interp(p, TABLE[:, 0], column) for column in TABLE.T])
 
 
 def test_after_a_burn_in_it_waits_in_the_safe_zone(tmp_path):

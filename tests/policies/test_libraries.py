@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,14 +10,14 @@ from helpers.networks import Model, layers
 
 import ibdata
 from ibdata.errors import UsageError
-from ibdata.experiment import Experiment
+from ibdata.policies import checked
 from ibdata.policies.libraries import environment_note
 from ibdata.testing import check_policy
 from ibdata.views.options import OBSERVED, view_of
 
 OWN = "ibdata.environment.single.IndustrialBenchmarkEnv"
-DUMMY = "stable_baselines3.common.vec_env.dummy_vec_env.DummyVecEnv"
-SUBPROCESSES = "stable_baselines3.common.vec_env.subproc_vec_env.SubprocVecEnv"
+VECTORS = "stable_baselines3.common.vec_env"
+DUMMY, SUBPROCESSES = f"{VECTORS}.dummy_vec_env.DummyVecEnv", f"{VECTORS}.subproc_vec_env.SubprocVecEnv"
 MONITOR = "stable_baselines3.common.monitor.Monitor"
 LIMIT = "gymnasium.wrappers.common.TimeLimit"
 NORMALIZE = "gymnasium.wrappers.stateful_observation.NormalizeObservation"
@@ -41,20 +40,13 @@ def ended(name):
 REFUSED = {
     "of gymnasium": (vectors([MONITOR, NORMALIZE, LIMIT, OWN]), "NormalizeObservation"),
     "of another lane": (vectors([OWN], [NORMALIZE, OWN]), "NormalizeObservation"),
-    "of a user": (vectors(["mine.Halved", OWN]), "Halved"),
     "of a user, with a known name": (vectors(["mine.TimeLimit", OWN]), "TimeLimit"),
     "an environment that holds another": (vectors(["mine.Holder", LIMIT, OWN]), "Holder"),
     "around all lanes": (vectors([OWN], over=["mine.VecHalved"]), "VecHalved"),
     "a user's loop over lanes": (vectors([OWN], kind="mine.DummyVecEnv"), "DummyVecEnv"),
     "in a process": (elsewhere("<TimeLimit<Halved<IndustrialBenchmarkEnv<ibdata/X-v1>>>>"), "Halved"),
-    "around processes that have ended": (
-        layers("mine.VecHalved", SUBPROCESSES, remotes=[], env_method=ended),
-        "VecHalved",
-    ),
-    "a stack": (
-        vectors([OWN], over=["stable_baselines3.common.vec_env.VecFrameStack"]),
-        "VecFrameStack, whi",
-    ),
+    "around ended ones": (layers("mine.VecHalved", SUBPROCESSES, remotes=[], env_method=ended), "VecHalved"),
+    "a stack": (vectors([OWN], over=[f"{VECTORS}.VecFrameStack"]), "VecFrameStack, whi"),
 }
 
 
@@ -73,7 +65,6 @@ STATEMENTS = {
     "ended": (layers(SUBPROCESSES, remotes=[], env_method=ended), "the processes of the model's environment"),
     "one lane": (vectors([MONITOR, LIMIT, OWN]), None),
     "known": (vectors([OWN], over=["stable_baselines3.VecNormalize", "stable_baselines3.VecMonitor"]), None),
-    "rewards": (vectors(["gymnasium.wrappers.stateful_reward.NormalizeReward", OWN]), None),
     "vectors of ibdata": (layers("ibdata.environment.sb3.IndustrialBenchmarkVecEnv"), None),
     "processes": (elsewhere("<TimeLimit<IndustrialBenchmarkEnv<ibdata/IndustrialBenchmark-v0>>>"), None),
 }  # fmt: skip
@@ -88,19 +79,6 @@ def test_an_environment_that_is_not_known_is_said(env, line):
 DELAY = {"imperfections": {"delay": {"obs_fatigue": 3}}}
 
 
-def test_an_environment_may_come_after_the_policy_was_made(tmp_path, monkeypatch):
-    """A model is given what its environment makes of observations when it acts."""
-    monkeypatch.chdir(tmp_path)
-    model, env = Model(), vectors([OWN])
-    made = Experiment(name="x", setpoints=70, policies=[model], steps=4)
-    env.normalize = SimpleNamespace(norm_obs=True, normalize_obs=lambda observations: -observations)
-    before, model.env = ibdata.generate(made, "before").to_pandas(), env
-    after = ibdata.generate(made, "after").to_pandas()
-    assert before["act_gain"][0] == -after["act_gain"][0] != 0.0
-    model.env = None  # also where the policy has acted already
-    assert ibdata.generate(made, "again").to_pandas().equals(before)
-
-
 def test_another_view_is_said():
     model = Model(vectors([OWN]))
     for trained, given, is_said in (
@@ -112,21 +90,18 @@ def test_another_view_is_said():
         ({"observe": list(OBSERVED)}, None, False),
     ):
         model.env.view = view_of(trained)
-        notes = ibdata.evaluate(model, episodes=2, steps=2, view=given).notes
+        notes = ibdata.evaluate(model, **FEW, view=given).notes
         assert any("trained with another view than it is given here" in note for note in notes) == is_said
 
 
+FEW = {"episodes": 2, "steps": 2}
+RUN = {"name": "x", "setpoints": 70, "steps": 2}
 DOORS = {
-    "evaluate": lambda model: ibdata.evaluate(model, episodes=2, steps=2),
-    "evaluate predict": lambda model: ibdata.evaluate(model.predict, episodes=2, steps=2),
-    "evaluate a partial": lambda model: ibdata.evaluate(partial(model.predict), episodes=2, steps=2),
-    "evaluate a base": lambda model: ibdata.evaluate(
-        {"kind": "epsilon_greedy", "base": model, "epsilon": 0.1}, episodes=2, steps=2
-    ),
-    "generate": lambda model: ibdata.generate(
-        {"name": "x", "setpoints": 70, "policies": [model], "steps": 2}, overwrite=True
-    ),
-    "check_policy": check_policy,
+    "evaluate": lambda model: ibdata.evaluate(model, **FEW),
+    "a partial of predict": lambda model: ibdata.evaluate(partial(model.predict), **FEW),
+    "a base": lambda model: ibdata.evaluate({"kind": "sticky", "base": model, "kappa": 0.1}, **FEW),
+    "generate": lambda model: ibdata.generate({**RUN, "policies": [model]}, overwrite=True),
+    "check_policy": lambda model: check_policy(model, checked.histories(2, 1)),
 }
 
 
@@ -136,11 +111,9 @@ def test_every_use_of_a_model_refuses_and_says_the_same(tmp_path, monkeypatch, c
     with pytest.raises(UsageError, match="found the wrapper NormalizeObservation"):
         door(Model(vectors([NORMALIZE, OWN])))
     assert list(tmp_path.iterdir()) == []
-    notes = getattr(door(Model()), "notes", [])
-    said = [*notes, *capsys.readouterr().err.splitlines()]
-    assert len([line for line in said if "the model has no environment, so it is given" in line]) == 1
-    assert "no environment" not in str(getattr(door(Model(vectors([OWN]))), "notes", []))
-    assert "no environment" not in capsys.readouterr().err
+    for model, count in ((Model(), 1), (Model(vectors([OWN])), 0)):
+        said = [*getattr(door(model), "notes", []), *capsys.readouterr().err.splitlines()]
+        assert len([line for line in said if "the model has no environment, so it is given" in line]) == count
 
 
 def test_a_network_without_its_environment_is_saved_with_a_given_scaling_only(tmp_path, capsys):

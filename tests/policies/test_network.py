@@ -125,14 +125,6 @@ def test_shipped_weights_have_names_but_a_users_file_is_first(saved, tmp_path, m
     assert Network(file="high").sha256 == Weights(networks.weights()).sha256
 
 
-def test_an_experiment_holds_the_weights_of_a_file_once(saved):
-    saved()
-    block = {"kind": "network", "file": "actor.safetensors"}
-    policies = [block, {"kind": "gaussian", "base": block, "scale": 0.1}]
-    plain, noisy = load({"name": "x", "setpoints": 70, "policies": policies}).policies
-    assert plain.weights is noisy.base.weights
-
-
 def test_plain_data_of_an_experiment_says_where_its_weights_are(saved):
     made = Experiment(name="x", setpoints=70, policies=[saved()])
     assert load(made) == made

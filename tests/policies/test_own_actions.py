@@ -7,9 +7,8 @@ import pytest
 
 from ibdata import evaluate
 from ibdata.errors import PolicyError
-from ibdata.policies import Decision, Deterministic, Policy
+from ibdata.policies import Decision, Deterministic
 from ibdata.policies.distributions import DISCRETE
-from ibdata.testing import check_policy
 
 FEW = {"episodes": 3, "steps": 20}
 
@@ -44,7 +43,6 @@ def test_whole_numbers_are_the_discrete_actions(policy):
     found = evaluate([policy, spelt_out], **FEW)
     assert found.returns[0].tolist() == found.returns[1].tolist()
     assert found.returns[0].std() > 0.0
-    check_policy(policy)
 
 
 @pytest.mark.parametrize(
@@ -52,10 +50,7 @@ def test_whole_numbers_are_the_discrete_actions(policy):
     [
         (lambda seen: np.full(len(seen), 27), r"found \[27, .*, expected discrete actions from 0 to 26"),
         (lambda seen: np.full(len(seen), -1), r"found \[-1, .*, expected discrete actions from 0 to 26"),
-        (
-            lambda seen: np.full(len(seen), 13.0),
-            r"actions of shape \(32,\), expected actions of shape \(32, 3",
-        ),
+        (lambda seen: np.full(len(seen), 13.0), r"of shape \(32,\), expected actions of shape \(32, 3"),
         (lambda seen: np.ma.masked_all(len(seen), int), r"found actions of shape \(32,\), expected actions"),
         (lambda seen: np.full(len(seen) + 1, 13), r"found actions of shape \(33,\), expected actions"),
     ],
@@ -70,25 +65,14 @@ def targets(observations):
     return np.full((len(observations), 3), 60.0)
 
 
-class Targets(Policy):
+class SureTargets(Deterministic):
     kind: str = "targets"
 
     def decide(self, given):
         return Decision(targets(given.observations), given.memory)
 
 
-class SureTargets(Deterministic):
-    kind: str = "targets"
-    decide = Targets.decide
-
-
-LINE = "{} of the {} are clipped: actions are changes in [-1, 1]"
-OFTEN = LINE.format("100%", "numbers of its actions")
-
-
-def third(observations):
-    """One of three numbers is too large."""
-    return np.tile([2.0, -1.0, 1.0], (len(observations), 1))
+OFTEN = "100% of the numbers of its actions are clipped: actions are changes in [-1, 1]"
 
 
 class Seldom:
@@ -98,22 +82,16 @@ class Seldom:
         return Decision(np.where(given.step[:, None] % 2, [2.0, 0.0, 0.0], 0.5), given.memory)
 
 
-seldom = Seldom()
-
-
 @pytest.mark.parametrize(
     ("policy", "clipped", "notes"),
     [
         ({"mine": targets}, 1.0, [f"mine: {OFTEN}"]),
-        (Targets(), 1.0, [f"targets: {OFTEN}"]),
         ({"kind": "custom", "target": SureTargets()}, 1.0, [f"suretargets: {OFTEN}"]),
         ({"kind": "epsilon_greedy", "base": targets, "epsilon": 0.5}, 0.0, [f"epsilon_greedy: {OFTEN}"]),
-        (third, 1.0, [f"third: {LINE.format('33%', 'numbers of its actions')}"]),
-        (seldom, 0.5, []),
-        ({"kind": "constant", "action": [1, 1, 1]}, 0.0, []),
+        (Seldom(), 0.5, []),
         ("mediocre", 1.0, []),
     ],
-    ids=["a function", "a class", "a block", "a base", "a third", "a sixth", "constant", "of ibdata"],
+    ids=["a function", "a block", "a base", "a sixth", "of ibdata"],
 )
 def test_an_evaluation_says_that_much_is_clipped(policy, clipped, notes):
     found = evaluate(policy, setpoint=0, episodes=4, steps=20)
@@ -126,23 +104,7 @@ class Drawing:
         return 0.5 * history[:, 0, 1:4] / 100.0 + u
 
 
-def drawn(observations):
-    return np.random.uniform(-1.0, 1.0, (len(observations), 3))  # noqa: NPY002  # as users do
-
-
-@pytest.mark.parametrize(
-    ("policy", "message"),
-    [
-        (drawn, "if it draws random numbers, write a class with act(history, u), which takes them from u;"),
-        (
-            Drawing(),
-            "no random numbers; if it draws 3 per step, write draws: 3 beside its target in a block",
-        ),
-        (lambda seen: seen[:, 1:4] * np.nan, "step 0: found action [nan nan nan], expected finite numbers"),
-    ],
-    ids=["draws", "no draws", "NaN"],
-)
-def test_a_failure_says_what_to_do(policy, message):
-    with pytest.raises(PolicyError) as caught:
-        evaluate(policy, **FEW)
-    assert message in str(caught.value)
+def test_a_failure_says_what_to_do():
+    message = "no random numbers; if it draws 3 per step, write draws: 3 beside its target in a block"
+    with pytest.raises(PolicyError, match=message):
+        evaluate(Drawing(), **FEW)

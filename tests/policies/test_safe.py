@@ -15,7 +15,7 @@ from ibdata.policies.base import at_start
 Safe = POLICIES["safe"]
 BELOW, INSIDE, ABOVE = 20.0, 50.0, 80.0
 SD = 3**-0.5
-Z_0, Z_1 = (NormalDist(0.5, SD).cdf(z) for z in (0.0, 1.0))  # the draws that make z = 0 and 1
+Z_1 = NormalDist(0.5, SD).cdf(1.0)  # the draw that makes z = 1
 TOWARDS, AWAY, HALF = module.LOG_MASS_TOWARDS, module.LOG_MASS_AWAY, module.LOG_HALF
 
 

@@ -16,7 +16,7 @@ CODE = """
 import json, sys
 
 def index(): return [][7]
-def inside_the_standard_library(): return json.loads("{")
+def in_the_standard_library(): return json.loads("{")
 def two_lines(): raise RuntimeError("one\\n  two")
 def silent(): raise KeyError
 def leave(): sys.exit("enough")
@@ -46,10 +46,7 @@ def caught(call):
     ("name", "line"),
     [
         ("index", "code_of_mine.py:4: IndexError: list index out of range"),
-        (
-            "inside_the_standard_library",
-            "code_of_mine.py:5: JSONDecodeError: Expecting property name enclosed",
-        ),
+        ("in_the_standard_library", "code_of_mine.py:5: JSONDecodeError: Expecting property name enclosed"),
         ("two_lines", "code_of_mine.py:6: RuntimeError: one two"),
         ("silent", "code_of_mine.py:7: KeyError"),
         ("leave", "code_of_mine.py:8: SystemExit: enough"),

@@ -103,10 +103,12 @@ def random_rollouts(variant, setpoint):
     return run_away, cap, dropped, at_cap / (EPISODES * STEPS)
 
 
-SLOW = pytest.mark.slow
+def core(keys, *quick):
+    """Parameters, of which all but a few quick ones are slow."""
+    return [pytest.param(*key, marks=() if key in quick else pytest.mark.slow) for key in keys]
 
 
-@pytest.mark.parametrize("setpoint", [pytest.param(10, marks=SLOW), pytest.param(50, marks=SLOW), 100])
+@pytest.mark.parametrize("setpoint", core([(10,), (50,), (100,)], (100,)))
 def test_mu_reaches_its_cap_14_or_15_steps_after_the_run_away(setpoint):
     """Figure 4: run-away at t = 80 to 90, bifurcation near t = 100, unless an effective value resets μ.
 
@@ -118,9 +120,7 @@ def test_mu_reaches_its_cap_14_or_15_steps_after_the_run_away(setpoint):
     assert set(cap[seen] - run_away[seen]) == {14.0, 15.0}
 
 
-@pytest.mark.parametrize(
-    ("variant", "setpoint"), [pytest.param(*key, marks=SLOW if key[1] == 50 else ()) for key in RUN_AWAY]
-)
+@pytest.mark.parametrize(("variant", "setpoint"), core(RUN_AWAY, ("siemens", 100), ("paper", 10)))
 def test_the_table_of_run_aways(variant, setpoint):
     """Why `siemens` is the default: 2,000 episodes of 1000 random steps for each variant and setpoint."""
     median, never, at_cap = RUN_AWAY[variant, setpoint]

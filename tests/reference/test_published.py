@@ -15,10 +15,10 @@ from reference import published, tapes
 from ibdata.dynamics import VARIANTS
 from ibdata.dynamics.state import FIELDS
 
-PART = 1 if FULL else 2  # of the steps
+PART = 1 if FULL else 4  # of the steps
 TAPES = {  # setpoints, drifting, steps, seed; every setpoint is run with each of four styles of actions
     "siemens": [
-        ((0, 1, 5, *range(10, 101, 10)), False, 1000 // PART, 1),
+        ((0, 1, 5, *range(10, 101, 10)), False, 1000 // PART, 4),
         ((0, 2, 2, 10, 25, 50, 50, 50, 75, 98, 98, 100), True, 1000 // PART, 2),
     ],
     "paper": [

@@ -34,11 +34,8 @@ def wrapper():
         return IBGym(70, "classic", "discrete", init_seed=0)
 
 
-def test_discrete_actions_are_those_of_the_published_one(wrapper):
+def test_the_table_has_every_published_option_and_discrete_actions_are_the_published_ones(wrapper):
     assert [tuple(action) for action in wrapper.env_action] == list(DISCRETE)
-
-
-def test_the_table_has_every_published_option(wrapper):
     theirs = "".join(line.split("|")[1] for line in TABLE.strip().splitlines() if "|" in line)
     options = [name for name in inspect.signature(type(wrapper)).parameters if name != "self"]
     assert sorted(options) == sorted(set(re.findall(r"`(\w+)=", theirs)))

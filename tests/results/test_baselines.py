@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import re
-import sys
 
 import numpy as np
 import pytest
 from helpers import ROOT, script
-from helpers.evaluating import LITERATURE, baseline
+from helpers.evaluating import LITERATURE
 
 import ibdata
-from ibdata.evaluation.baselines import FILE, WHOLE, Baseline, measured, shipped_baselines
+from ibdata.evaluation.baselines import FILE, WHOLE, measured, shipped_baselines
 from ibdata.policies import expert
 from measuring.documents import measured as tables_of
 from training import baselines_page as page
-from training.runner import Runner
 
 LINES = shipped_baselines([FILE])
 PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
@@ -24,24 +22,6 @@ PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
 @pytest.fixture(scope="module")
 def baselines():
     return script("baselines")
-
-
-@pytest.fixture
-def run(baselines, tmp_path, monkeypatch, capsys):
-    """A function that runs a part of the plan untrained, and returns the results and what it prints."""
-
-    def run(plan, *arguments, made=lambda key, data: line(key), file="x.jsonl"):
-        one = Runner("", plan, Baseline, tmp_path / file, made, baselines.describe, lambda lines: None)
-        monkeypatch.setattr(sys, "argv", ["baselines", *arguments])
-        capsys.readouterr()
-        one.main()
-        return list(one.known(one.file).values()), capsys.readouterr().out.splitlines()
-
-    return run
-
-
-def line(run, shift=0.0) -> Baseline:
-    return baseline(np.linspace(-7000.0, -6000.0, 200) + shift, **run._asdict())
 
 
 def test_the_page_holds_the_results_that_were_run_and_no_others(baselines):
@@ -62,7 +42,7 @@ def test_every_number_of_the_reading_is_a_result():
 @pytest.mark.parametrize(
     ("setpoint", "velocity", "gain", "said"),
     [
-        (70, None, 10, "gains higher by 10 get −56.5"),
+        pytest.param(70, None, 10, "gains higher by 10 get −56.5", marks=pytest.mark.slow),
         (53, 29, 20, "gains higher by 20 get −46.9"),
         (53, None, 0, "the expert −49.2"),
     ],
@@ -103,9 +83,8 @@ def test_the_data_frame_has_a_row_per_evaluation():
     assert len(frame) == sum(len(each.evaluations) for each in shipped_baselines()) >= len(LINES) > 0
     known = frame["trained_on"].eq("nothing") | frame["algorithm"].eq("behaviour")
     assert frame["seed"].isna().equals(known)
-    assert [x.shape[1] for x in frame["returns"].dropna()] == frame.dropna(subset="returns")[
-        "episodes"
-    ].tolist()
+    evaluated = frame.dropna(subset="returns")
+    assert [x.shape[1] for x in evaluated["returns"]] == evaluated["episodes"].tolist()
     row = frame.iloc[0]
     assert row["mean_return"] == pytest.approx(row["returns"].mean())
 
@@ -115,9 +94,8 @@ def test_published_percentiles_stand_beside_the_seeds_mean():
     assert frame.groupby("algorithm")["set"].nunique().to_dict() == dict.fromkeys(frame["algorithm"], 16)
     assert frame["published_p10"].between(-33_000, -5_800).all()
     (row,) = frame[(frame["set"] == "siemens-offline/bad-40") & (frame["algorithm"] == "td3+bc")].itertuples()
-    seeds = [
-        each.evaluations[0].p10 for each in LINES if (each.set, each.algorithm) == (row.set, row.algorithm)
-    ]
+    of_row = [each for each in LINES if (each.set, each.algorithm) == (row.set, row.algorithm)]
+    seeds = [each.evaluations[0].p10 for each in of_row]
     assert (row.published_p10, len(seeds)) == (-23_000, 3)
     assert row.p10 == pytest.approx(np.mean(seeds))
     assert row.difference == pytest.approx(row.p10 - row.published_p10)

@@ -12,21 +12,19 @@ from helpers import ROOT, script
 from ibdata.evaluation.baselines import NOTHING, PROTOTYPES, measured, shipped_baselines
 from training import formulas
 from training import prototypes_page as page
-from training.plan import Run, plan
+from training.plan import FOUR, SIZES, Run, episodes_each, plan, transfer
 from training.protocol import EVALUATIONS, LITERATURE
+from training.results import Results, difference, means, number
 
 LINES = shipped_baselines([PROTOTYPES])
 PAGE = (ROOT / "docs/prototypes.md").read_text(encoding="utf-8")
 MEASURED = json.loads((ROOT / "docs/prototypes.json").read_text(encoding="utf-8"))
 
 
-def test_the_page_shows_the_runs():
+def test_the_page_and_the_tables_beside_it_show_the_runs():
     for kind, block in page.blocks(LINES).items():
         shown = PAGE.partition(f"<!-- {kind} -->\n")[2].partition(f"\n<!-- /{kind} -->")[0]
         assert shown == f"\n{block}\n", kind
-
-
-def test_the_tables_beside_the_page_are_those_of_the_runs():
     assert page.beside(LINES, MEASURED) == MEASURED["tables"]
 
 
@@ -43,7 +41,9 @@ def test_the_runs_are_those_of_the_plan_in_its_order():
         assert [evaluated.settings for evaluated in line.evaluations] == expected
 
 
-@pytest.mark.parametrize("name", ["safe", "transfer", "setpoints/expert"])
+@pytest.mark.parametrize(
+    "name", ["transfer", *(pytest.param(x, marks=pytest.mark.slow) for x in ("safe", "setpoints/expert"))]
+)
 def test_the_behaviour_is_played_again_with_the_same_returns(name):
     [shipped] = [line for line in LINES if (line.set, line.algorithm) == (name, "behaviour")]
     again = script("prototypes").known(Run(name, NOTHING, "behaviour", None))
@@ -51,8 +51,8 @@ def test_the_behaviour_is_played_again_with_the_same_returns(name):
 
 
 def test_the_formulas_have_their_returns_in_fewer_episodes():
-    """100 episodes each. A difference of 5 standard errors happens once in a million."""
-    again = formulas.measure(episodes=100)
+    """40 episodes each. A difference of 5 standard errors happens once in a million."""
+    again = formulas.measure(episodes=40)
     for row, stored in zip(again, MEASURED["formulas"], strict=True):
         assert row["policy"] == stored["policy"]
         for value, error in (("return", "error"), ("difference", "difference_error")):
@@ -69,3 +69,95 @@ def test_every_number_of_the_text_is_in_a_table_of_the_page():
         numbers = re.findall(form, text)
         assert numbers
         assert set(numbers) <= set(re.findall(form, tables))
+
+
+RESULTS = Results(LINES)
+FEW, MIDDLE, _ = (episodes_each(count) for count in SIZES["random"])
+START, AROUND, LONG = page.COLUMNS
+ALL = [*FOUR, "cql"]
+TRAINED = [(name, *pair) for name in SIZES for pair in page.learned_parts(RESULTS, name)]
+TEXT = " ".join(PAGE.split())
+
+
+def of(name, data, algorithm, column):
+    """The mean return of each seed."""
+    settings, by = page.COLUMNS[column]
+    return means(RESULTS.returns(name, data, algorithm, settings), by)
+
+
+def known(name, policy, column):
+    settings, by = page.COLUMNS[column]
+    return RESULTS.known(name, policy, settings).mean() / by
+
+
+def at_75(data, algorithm):
+    """The mean return of each seed in the transfer."""
+    return means(RESULTS.returns("transfer", data, algorithm, EVALUATIONS["transfer"][0]))
+
+
+def above(better, worse):
+    """Whether every seed of a run is above every seed of another."""
+    return min(better) > max(worse)
+
+
+def differences(data, algorithm, column):
+    """The differences of each seed from the safe behaviour."""
+    settings, by = page.COLUMNS[column]
+    base = RESULTS.known("safe", "behaviour", settings)
+    return [difference([x], base, by) for x in RESULTS.returns("safe", data, algorithm, settings)]
+
+
+def test_no_run_reaches_optimized():
+    for column in page.COLUMNS:
+        assert all(max(of(*run, column)) < known("random", "optimized", column) for run in TRAINED)
+    random = [run for run in TRAINED if run[0] == "random"]
+    assert max(random, key=lambda run: max(of(*run, START))) == ("random", FEW, "iql")
+    assert max(random, key=lambda run: np.mean(of(*run, START))) == ("random", MIDDLE, "cql")
+
+
+def test_the_readme_has_the_best_from_as_many_transitions():
+    best = [max((np.mean(of(name, MIDDLE, x, START)), x) for x in ALL) for name in ("random", "safe")]
+    assert [name for _, name in best] == ["cql", "iql"]
+    random, safe, optimized = (
+        number(x) for x in (*(x for x, _ in best), known("random", "optimized", START))
+    )
+    said = (
+        f"gets {random} from 10⁵ random transitions (CQL, one seed) and {safe} from safe ones (IQL, three); "
+    )
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert f"{said}a formula gets {optimized}." in text
+
+
+def test_where_safe_behaviour_is_improved():
+    pairs = page.learned_parts(RESULTS, "safe")
+    below = {x: sum(d.mean < -2 * d.standard_error for d in differences(*x, LONG)) for x in pairs}
+    expected = {(FEW, "bc"): 2, (MIDDLE, "bc"): 2, (FEW, "model-based"): 2, (FEW, "iql"): 1}
+    assert {x: count for x, count in below.items() if count} == expected
+    assert [d.mean > 0 for d in differences(FEW, "iql", AROUND)].count(False) == 1
+    for algorithm in ALL:
+        for column in page.COLUMNS if algorithm != "bc" else (START, AROUND):
+            assert all(d.mean > 0 for d in differences(MIDDLE, algorithm, column))
+
+
+def test_where_safe_data_are_harder():
+    def better(name, other):
+        pairs = [(x, column) for x in ALL for column in page.COLUMNS]
+        return {(x, c) for x, c in pairs if above(of(name, MIDDLE, x, c), of(other, MIDDLE, x, c))}
+
+    over_100 = {("bc", START), ("bc", AROUND), ("td3+bc", AROUND)}
+    assert better("safe", "random") == {*over_100, *((x, LONG) for x in ("td3+bc", "iql", "cql"))}
+    assert better("random", "safe") == {(x, c) for x in ("model-based", "cql") for c in (START, AROUND)}
+
+
+def test_policies_at_the_target():
+    [settings] = EVALUATIONS["transfer"]
+    zero, optimized = (RESULTS.known("transfer", x, settings).mean() / 100 for x in ("zero", "optimized"))
+    cells = {(run.trained_on, run.algorithm): at_75(run.trained_on, run.algorithm) for run in transfer(0)}
+    assert max(map(max, cells.values())) < optimized
+    below = sum(max(seeds) < zero for seeds in cells.values())
+    over = sum(min(seeds) > zero for seeds in cells.values())
+    assert f"In {below} of the {len(cells)} cells, all seeds are below" in TEXT
+    assert f"; in {over}, all are above" in TEXT
+    assert max(cells, key=lambda x: np.mean(cells[x])) == ("10 at 75", "model-based")
+    best = sorted(cells, key=lambda x: max(cells[x]))[-2:]
+    assert best == [("5 at 75", "iql"), ("100 at 50, then 10 at 75", "model-based")]

@@ -12,28 +12,13 @@ from helpers import ROOT
 
 from measuring.documents import measured as tables_of
 from training import selection
-from training.selection import ESTIMATORS, Checkpoint, Estimate, Line, plan
+from training.selection import ESTIMATORS, Line, plan
 
 FILE = ROOT / "docs" / "policy-selection.jsonl"
 LINES = [Line.model_validate_json(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
 PAGE = (ROOT / "docs/quality.md").read_text(encoding="utf-8")
 TABLES = tables_of(PAGE, "measured, selection")
 FOUR = np.array([-5.0, -1.0, -2.0, -4.0])
-
-
-def line(one: Checkpoint, value: float = -6000.0, **estimates: float | None) -> Line:
-    """A result of a target policy, whose estimates are its value unless given."""
-    known = {name: estimates.get(name.replace(" ", "_"), value) for name in ESTIMATORS}
-    return Line(
-        **one._asdict(),
-        sha256="0" * 64,
-        content_root="0" * 64,
-        value=Estimate(mean_return=value, standard_error=1.0, interval=(value - 2.0, value + 2.0)),
-        estimates={name: Estimate(mean_return=mean) for name, mean in known.items()},
-        effective={"1": 50.0, "100": 1.0},
-        cpu_seconds={"FQE": 10.0},
-        versions={},
-    )
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Generate the experiments of this folder in one setting, check the setting, and print JSON.
 
-    child.py SPEC    SPEC is JSON: size, folder, and optionally workers, lanes, chunk, shards, stop_after,
+    child.py SPEC    SPEC is JSON: size, folder, and optionally workers, lanes, chunk, shards,
                      known_answer, and expect: facts that must hold here and in every worker process
 
 Each setting is a process of its own, because numpy, numba and the C library read the tested environment
@@ -28,10 +28,8 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata._simulation import unroll
-from ibdata._system.part import RECEIPTS, Part
 from ibdata.experiment import Experiment, rollout
-from ibdata.generation import process, record, workers
-from ibdata.generation.shard import DATASET
+from ibdata.generation import process, record
 
 HERE = Path(__file__).resolve().parent
 BEGIN = """\
@@ -114,47 +112,10 @@ def unmet(expect: dict[str, object], found: dict[str, object]) -> list[str]:
     ]
 
 
-def interrupted(after: int) -> None:
-    """Make the engine stop, as by Ctrl-C, when so many shards are written."""
-    run = workers.run
-
-    def stopping(*args):
-        for count, number in enumerate(run(*args), start=1):
-            yield number
-            if count == after:
-                workers.run = run
-                raise KeyboardInterrupt
-
-    workers.run = stopping
-
-
-def with_receipts(folder: Path) -> dict[str, int]:
-    """The names of the shards of an unfinished run that resuming is to keep, with their inodes."""
-    (run,) = Part(folder).runs
-    data = run / DATASET / "data"
-    shards = [path for one in (run / RECEIPTS).iterdir() for path in data.glob(f"part-{one.stem}-*.parquet")]
-    return {path.name: path.stat().st_ino for path in shards}
-
-
 def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
-    """Generate an experiment, stopping and resuming if asked to; what its manifest says."""
+    """Generate an experiment; what its manifest says."""
     out = Path(spec["folder"]) / experiment.name
-    processes, after = spec.get("workers", 1), spec.get("stop_after")
-    prepare(spec)
-    if after:
-        interrupted(after)
-        try:
-            ibdata.generate(experiment, out, workers=processes)
-        except KeyboardInterrupt:
-            assert not out.exists()
-            kept = with_receipts(out)
-            assert len(kept) >= after
-        else:
-            raise AssertionError("not interrupted")
-        rollout.LANES = unroll.BLOCK = 11  # goes on in other blocks, where this process does the work
-    ibdata.generate(experiment, out, workers=processes)
-    if after:
-        assert all((out / "data" / name).stat().st_ino == inode for name, inode in kept.items())
+    ibdata.generate(experiment, out, workers=spec.get("workers", 1))
     manifest = json.loads((out / "meta" / "manifest.json").read_bytes())
     files = {file["path"]: file["sha256"] for file in manifest["files"]}
     return {

@@ -1,4 +1,4 @@
-"""Workers, blocks, shards and interruptions do not change the content or the files."""
+"""Workers, blocks and shards do not change the content or the files."""
 
 import itertools
 import os
@@ -12,27 +12,25 @@ pytestmark = pytest.mark.same_bits
 WORKERS = (1, 2, 5)
 BLOCKS = ((1, 1), (3, 7), (256, 256), (1024, 1000))  # lanes, chunk
 SHARDS = (None, 1, 1e9)  # usual; one a dataset; one an episode
-STOPS = (None, 1)  # interrupted after so many shards and resumed in other blocks
 FEW = (  # every value of each
-    (1, BLOCKS[1], 1, None),
-    (1, BLOCKS[3], None, 1),
-    (2, BLOCKS[0], 1, None),
-    (2, BLOCKS[3], 1e9, None),
-    (5, BLOCKS[1], 1e9, 1),
-    (5, BLOCKS[2], None, None),
+    (1, BLOCKS[1], 1),
+    (1, BLOCKS[3], None),
+    (2, BLOCKS[0], 1),
+    (2, BLOCKS[3], 1e9),
+    (5, BLOCKS[1], 1e9),
+    (5, BLOCKS[2], None),
 )
-ALL = [x for x in itertools.product(WORKERS, BLOCKS, SHARDS, STOPS) if not (x[2] == 1 and x[3])]
 
 
-def _row(workers, blocks, shards, stop):
+def _row(workers, blocks, shards):
     lanes, chunk = blocks
     spec = {"workers": workers, "lanes": lanes, "chunk": chunk, "expect": {"lanes": lanes, "chunk": chunk}}
-    spec |= ({"shards": shards} if shards else {}) | ({"stop_after": stop} if stop else {})
+    spec |= {"shards": shards} if shards else {}
     cut = f"{shards:g}" if shards else "usual"
-    name = f"{workers} workers, {lanes} lanes, chunk {chunk}, {cut} shards" + (", resumed" if stop else "")
-    return Row(name, spec=spec)
+    return Row(f"{workers} workers, {lanes} lanes, chunk {chunk}, {cut} shards", spec=spec)
 
 
+ALL = itertools.product(WORKERS, BLOCKS, SHARDS)
 ROWS = [_row(*x) for x in (ALL if os.environ.get("IBDATA_SAME_BITS") == "full" else FEW)]
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-
 import numpy as np
 import pytest
+from helpers import by_hand
 from helpers.policies import action_of, log_density_of
 
-from ibdata._numerics.exact import exponential, normal
-from ibdata.dynamics import Noise, initial_state, step
+from ibdata.dynamics import initial_state, step
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
 
@@ -56,18 +54,13 @@ def assert_same(a, b):
 
 def uniform(experiment, cell, index, purpose, t, slots):
     """The uniforms (slots,) at an address."""
-    message = b"ibdata noise 1\0" + experiment.seed.to_bytes(8, "little") + cell.digest
-    key = np.frombuffer(hashlib.sha256(message).digest()[:16], dtype="<u8")
-    counter = np.array([t * slots // 4, purpose, index, 0], dtype=np.uint64)
-    raw = np.random.Philox(key=key, counter=counter).random_raw(slots)
-    return np.array([((int(x) >> 12) + 0.5) * 2.0**-52 for x in raw])
+    return np.array(by_hand.uniforms_at(experiment.seed, cell.digest, index, purpose, t, slots))
 
 
-def noise(experiment, cell, index, t, dynamics=DYNAMICS, drift=DRIFT):
-    u = uniform(experiment, cell, index, dynamics, t, 8)
-    d = uniform(experiment, cell, index, drift, t, 4) if experiment.drifting else np.zeros(4)
-    drawn = [exponential(u[0]), exponential(u[1]), *u[2:6], normal(u[6]), normal(u[7]), *d]
-    return Noise(*(np.array([x]) for x in drawn))
+def noise(experiment, cell, index, t, *purposes):
+    return by_hand.noise(
+        experiment.seed, cell.digest, index, t, experiment.drifting, purposes or (DYNAMICS, DRIFT)
+    )
 
 
 def started(experiment, cell, index):

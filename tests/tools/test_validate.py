@@ -181,7 +181,7 @@ STEPS = 21
 @pytest.fixture(scope="module", params=["default", {"burn_in": [2, 6]}], ids=["default", "burn-in"])
 def made(request, tmp_path_factory):
     plain = {"name": "x", "setpoints": [20.0, 70.0], "episodes": 3, "steps": STEPS, "start": request.param}
-    plain["policies"] = POLICIES
+    plain |= {"policies": POLICIES, "output": {"expert_action": True}}
     return ibdata.generate(plain, tmp_path_factory.mktemp("densities") / "x", workers=1)
 
 
@@ -189,29 +189,13 @@ def test_the_densities_of_every_policy_are_found_to_be_right(made):
     assert ibdata.validate(made.path) == ibdata.reproduce(made.path)[1] == []
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 5, 6])
-def test_a_wrong_density_late_in_an_episode_is_found(made, tmp_path, number):
+DENSITIES = [(number, "action_log_prob", "density") for number in (0, 1, 2, 5, 6)]
+
+
+@pytest.mark.parametrize(("number", "name", "rule"), [*DENSITIES, (4, "expert_act_gain", "expert action")])
+def test_a_wrong_answer_of_a_policy_late_in_an_episode_is_found(made, tmp_path, number, name, rule):
     spec, row = spec_in(made.stored), number * 6 * STEPS + 17
     path = Path(shutil.copy(next((made.path / "data").iterdir()), tmp_path / "x.parquet"))
-    put(path, "action_log_prob", row, made.table()["action_log_prob"][row].as_py() - 0.125)
+    put(path, name, row, made.table()[name][row].as_py() * 0.875)
     (problem,) = check_shard(spec, spec.shards[0], Storage(tmp_path), path.name)[1]
-    assert (problem.rule, problem.row) == ("density", row)
-
-
-def test_an_expert_s_action_that_is_another_is_found(tmp_path):
-    plain = {
-        "name": "x",
-        "setpoints": 20,
-        "policies": ["random"],
-        "steps": 9,
-        "output": {"expert_action": True},
-    }
-    dataset = ibdata.generate(plain, tmp_path / "x", workers=1)
-    spec, table = DatasetSpec.of(ibdata.load(plain)), dataset.stored.rows(0)
-    gain = table["expert_act_gain"].to_numpy().copy()
-    gain[7] = 0.25
-    place = table.schema.get_field_index("expert_act_gain")
-    table = table.set_column(place, table.schema.field(place), pa.array(gain))
-    pq.write_table(table, tmp_path / "x.parquet", **writer_options(columns(spec.experiments[0])))
-    (problem,) = check_shard(spec, spec.shards[0], Storage(tmp_path), "x.parquet")[1]
-    assert (problem.rule, problem.row) == ("expert action", 7)
+    assert (problem.rule, problem.row) == (rule, row)

@@ -23,18 +23,13 @@ def measured(given, number=7, clean=CLEAN):
     return Measurement(imperfections_of(given), COLUMNS).episode(clean, number)
 
 
-def test_a_delay_repeats_the_first_value():
-    seen, lost = measured({"delay": {"obs_fatigue": 4}})
+def test_a_delay_repeats_the_first_value_and_quantised_values_are_the_nearest_multiples():
+    seen, lost = measured({"delay": {"obs_fatigue": 4}, "quantise": {"obs_velocity": 0.5}})
     assert (seen[4:, 1] == CLEAN[:-4, 1]).all()
     assert (seen[:4, 1] == CLEAN[0, 1]).all()
-    assert (seen[:, [0, 2]] == CLEAN[:, [0, 2]]).all()
-    assert lost.shape == CLEAN.shape
-    assert not lost.any()
-
-
-def test_quantised_values_are_the_nearest_multiples():
-    seen, _ = measured({"quantise": {"obs_fatigue": 0.5}})
-    assert (seen[:, 1] * 2 == np.rint(CLEAN[:, 1] * 2)).all()
+    assert (seen[:, 0] * 2 == np.rint(CLEAN[:, 0] * 2)).all()
+    assert (seen[:, 2] == CLEAN[:, 2]).all()
+    assert (lost.shape, lost.any()) == (CLEAN.shape, False)
 
 
 def test_noise_is_normal_and_independent():
@@ -48,9 +43,8 @@ def test_noise_is_normal_and_independent():
     assert abs(np.corrcoef(first[:, 0], first[:, 1])[0, 1]) < error
     assert abs(np.corrcoef(first[:, 0], other[:, 0])[0, 1]) < error
     assert (first[:, 2] == 0).all()
-    alone, _ = Measurement(imperfections_of({"noise": {"obs_fatigue": 3.0}}), COLUMNS[1:2]).episode(
-        clean[:, :1], 0
-    )
+    noise = imperfections_of({"noise": {"obs_fatigue": 3.0}})
+    alone, _ = Measurement(noise, COLUMNS[1:2]).episode(clean[:, :1], 0)
     assert (alone[:, 0] == first[:, 1]).all()  # it does not depend on the other columns
     assert not (measured({**given, "seed": 6}, 0, clean)[0][:, :2] == first[:, :2]).any()
 

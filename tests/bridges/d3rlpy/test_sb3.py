@@ -18,7 +18,6 @@ import ibdata
 from ibdata.environment.sb3 import IndustrialBenchmarkVecEnv
 from ibdata.errors import UsageError
 from ibdata.policies.libraries import environment_note
-from ibdata.views.options import view_of
 
 ID = "ibdata.environment:ibdata/IndustrialBenchmark-v0"
 LANES, STEPS = 3, 7
@@ -139,19 +138,6 @@ def test_wrappers_are_known_in_every_process(loop):
         env.close()
     if loop is SubprocVecEnv:
         assert "have ended" in environment_note(model)
-
-
-@pytest.mark.parametrize("loop", [IndustrialBenchmarkVecEnv, DummyVecEnv, SubprocVecEnv])
-def test_another_view_is_said(loop):
-    view = {"imperfections": {"delay": {"obs_fatigue": 3}}}
-    if loop is IndustrialBenchmarkVecEnv:
-        env = loop(2, view=view)
-    else:
-        env = make_vec_env(ID, n_envs=2, env_kwargs={"view": view}, vec_env_cls=loop)
-    model = model_in(VecNormalize(env))
-    assert "another view" in environment_note(model)
-    assert environment_note(model, view_of(view)) is None
-    env.close()
 
 
 def test_a_scaling_that_stayed_behind_is_said(tmp_path):

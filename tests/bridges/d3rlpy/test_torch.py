@@ -35,6 +35,8 @@ def test_a_module_gets_the_returns_of_the_function_that_it_is():
 
     found = ibdata.evaluate({"net": net, "by hand": by_hand}, **FEW)
     np.testing.assert_allclose(found.returns[0], found.returns[1], rtol=1e-4)
+    with pytest.raises(PolicyError, match=r"mat1 and mat2 .*; it was given observations \(32, 12\)"):
+        ibdata.evaluate(net, history=2, **FEW)
     assert [part.training for part in net.body] == [True, False, True, True]
     assert torch.is_grad_enabled()
 
@@ -46,18 +48,6 @@ def test_tensors_of_every_kind_are_actions():
     kinds = (torch.float64, torch.float32, torch.bfloat16, torch.int64)
     found = ibdata.evaluate([*map(answer, kinds), "constant"], **FEW)
     assert (found.returns == found.returns[-1]).all()
-
-
-def test_a_batch_norm_that_was_left_in_training_mode_is_refused():
-    net = torch.nn.Sequential(torch.nn.BatchNorm1d(6), torch.nn.Linear(6, 3))
-
-    class Training:
-        def predict(self, observations):
-            return net.train()(torch.from_numpy(observations))
-
-    with pytest.raises(PolicyError, match=r"policy training: found other actions .* in another order"):
-        ibdata.evaluate(Training(), **FEW)
-    assert len(ibdata.evaluate(net, **FEW).results) == 1  # a module is asked in evaluation mode
 
 
 def test_a_loader_reads_windows_as_the_arrays_show_them(tmp_path):

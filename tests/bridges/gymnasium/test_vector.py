@@ -106,39 +106,24 @@ REFUSED = {
         lambda env: gymnasium.make_vec(ID, setpoints=70),
         "setpoints: got an unexpected keyword argument 'setpoints'; did you mean 'setpoint'",
     ),
-    **{
-        f"{steps} steps": (
-            lambda env, steps=steps: made(steps=steps),
-            f"max_episode_steps: found {steps}, expected a whole number of at least 1$",
-        )
-        for steps in (0, -2)
-    },
+    "0 steps": (lambda env: made(steps=0), "max_episode_steps: found 0, expected a whole number of at lea"),
     "two seeds": (lambda env: env.reset(seed=[1, 2]), "seed: found 2 seeds, expected 3$"),
     "a negative seed": (lambda env: env.reset(seed=[1, 2, -3]), "seed: found -3, expected a whole number"),
-    "seeds of text": (
-        lambda env: env.reset(seed="123"),
-        "seed: found '123', expected a whole number, a list",
-    ),
-    "no lanes": (
-        lambda env: gymnasium.make_vec(ID, num_envs=0),
-        "num_envs: found 0, expected a whole number of at",
-    ),
+    "seeds of text": (lambda env: env.reset(seed="123"), "seed: found '123', expected a whole number, a l"),
+    "no lanes": (lambda env: gymnasium.make_vec(ID, num_envs=0), "num_envs: found 0, expected a whole num"),
     "two actions": (
         lambda env: env.step(np.zeros((2, 3))),
-        r"action: found .*, expected \(3, 3\) finite numbers",
+        r"action: found .*, expected \(3, 3\) finite num",
     ),
     "a state for all": (
         lambda env: env.unwrapped.set_state(STATE),
-        "set_state: found a state of 1 lane, expected a state of 3 lanes$",
+        "set_state: found a state of 1 lane, exp",
     ),
-    **{
-        f"the mask {mask}": (lambda env, mask=mask: env.reset(options={"reset_mask": mask}), MASK)
-        for mask in (np.ones(3), np.zeros(3, dtype=bool))
-    },
-    **{
-        f"the lanes {lanes}": (lambda env, lanes=lanes: env.unwrapped.set_state(STATE, lanes), LANES_LEFT)
-        for lanes in (3, [0, 0], [0.0])
-    },
+    "a mask of numbers": (lambda env: env.reset(options={"reset_mask": np.ones(3)}), MASK),
+    "an empty mask": (lambda env: env.reset(options={"reset_mask": np.zeros(3, dtype=bool)}), MASK),
+    "no lane": (lambda env: env.unwrapped.set_state(STATE, 3), LANES_LEFT),
+    "a lane twice": (lambda env: env.unwrapped.set_state(STATE, [0, 0]), LANES_LEFT),
+    "a lane of another type": (lambda env: env.unwrapped.set_state(STATE, [0.0]), LANES_LEFT),
 }
 
 
