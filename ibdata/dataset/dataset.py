@@ -212,15 +212,10 @@ class Dataset(Episodes):
             DatasetError: A file is missing or damaged.
         """
         drop, options = checked_history(history, pad), view_of(view)
-        info = self.stored.info
-        more = checked_columns(columns, info) if len(columns) else []
-        expert = info.names("expert_action")
-        names = list(dict.fromkeys([*needed(info, options), *more, *expert]))
+        more = checked_columns(columns, self.stored.info) if len(columns) else []
+        names = list(dict.fromkeys([*needed(self.stored.info, options), *more]))
         table = self.stored.rows_of(self._chosen(split, setpoint, policy).mask, names)
-        arrays = arrays_of(table, info, options, history, drop, [*more, *expert])
-        if expert:
-            arrays["expert_actions"] = np.stack([arrays[name] for name in expert], axis=1)
-        return {name: array for name, array in arrays.items() if name not in expert or name in more}
+        return arrays_of(table, self.stored.info, options, history, drop, more)
 
     @public
     def windows(
@@ -259,8 +254,13 @@ class Dataset(Episodes):
         kept = np.maximum(lengths - left_out(self.stored.info, options), 0)
         rows, lost = int(kept.sum()), int((lengths - kept).sum())
         frame = options.frame(self.stored.info.drifting)
-        costs = 0 if options.cost is None else rows
-        sizes = Sizes(episodes=int(np.count_nonzero(kept)), rows=rows, frame=len(frame), costs=costs)
+        sizes = Sizes(
+            episodes=int(np.count_nonzero(kept)),
+            rows=rows,
+            frame=len(frame),
+            costs=0 if options.cost is None else rows,
+            expert_actions=rows if self.stored.info.names("expert_action") else 0,
+        )
         if folder is None or not rows:  # nothing to keep in files
             return Windows(in_memory(sizes, blocks), frame, history, drop, lost)
         description = {

@@ -19,6 +19,7 @@ from ibdata.views.rewards import scaled
 
 Array = npt.NDArray[Any]
 INDICES = ("episode", "step", "terminated", "truncated")
+EXPERT = tuple(f"expert_{name}" for name in ACTIONS)
 COSTS = ("obs_consumption", "obs_fatigue")  # of which rewards are made
 NEXT_COSTS = ("next_obs_consumption", "next_obs_fatigue")
 
@@ -34,6 +35,7 @@ class Transitions(NamedTuple):
     actions: Array  # (n, 3)
     rewards: Array  # (n,)
     costs: Array | None  # (n,) float32; None for a view without a cost
+    expert_actions: Array | None  # (n, 3); None if the dataset does not have them
     terminated: Array  # (n,) bool
     truncated: Array  # (n,) bool
     episode: Array  # (n,) int64
@@ -85,7 +87,8 @@ def needed(info: Info, options: ViewOptions) -> list[str]:
             )
     costs = () if options.reward.kind == "classic" else COSTS + NEXT_COSTS
     later = [f"next_{name}" for name in names if f"next_{name}" in known]
-    return list(dict.fromkeys([*INDICES, *names, *later, *ACTIONS, "reward", *costs]))
+    expert = info.names("expert_action")
+    return list(dict.fromkeys([*INDICES, *names, *later, *ACTIONS, *expert, "reward", *costs]))
 
 
 def _followed(info: Info, options: ViewOptions) -> tuple[str, ...]:
@@ -110,6 +113,7 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     actions, rewards = stacked_columns(table, ACTIONS), _rewards(table, options)
     frames, after = _now_and_after(table, options.columns(info.drifting))
     costs = None
+    expert = stacked_columns(table, names) if (names := info.names("expert_action")) else None
     if options.cost is not None:
         costs = options.cost.of(tuple(_now_and_after(table, options.cost.variables)[1].T))
     if not options.is_classic:
@@ -126,9 +130,11 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     if len(kept) < len(frames):
         index = {name: array[kept] for name, array in index.items()}
         frames, after, actions, rewards = (x[kept] for x in (frames, after, actions, rewards))
-        costs = None if costs is None else costs[kept]
+        costs, expert = (None if x is None else x[kept] for x in (costs, expert))
     flags = index["terminated"], index["truncated"]
-    return Transitions(frames, after, actions, rewards, costs, *flags, index["episode"], index["step"], kept)
+    return Transitions(
+        frames, after, actions, rewards, costs, expert, *flags, index["episode"], index["step"], kept
+    )
 
 
 def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
@@ -140,6 +146,7 @@ def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
         **dict(zip(ACTIONS, block.actions.T, strict=True)),
         "reward": block.rewards,
         **({} if block.costs is None else {"cost": block.costs}),
+        **({} if block.expert_actions is None else dict(zip(EXPERT, block.expert_actions.T, strict=True))),
         "terminated": block.terminated,
         "truncated": block.truncated,
         **{f"next_{name}": column for name, column in zip(names, block.next_frames.T, strict=True)},
@@ -161,6 +168,7 @@ def arrays_of(
         "actions": block.actions,
         "rewards": block.rewards,
         **({} if block.costs is None else {"costs": block.costs}),
+        **({} if block.expert_actions is None else {"expert_actions": block.expert_actions}),
         "next_observations": after,
         "episode": block.episode,
         "step": block.step,

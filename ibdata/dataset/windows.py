@@ -22,16 +22,18 @@ from ibdata.errors import UsageError
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
 DESCRIPTION = "windows.json"
+BESIDE = ("costs", "expert_actions")  # arrays that are empty where there are none
 PATIENCE = 3600.0  # seconds to wait for another process that makes the same folder
 
 
 class Sizes(NamedTuple):
-    """The numbers of episodes, of transitions, of values in a frame, and of costs: all rows or none."""
+    """The numbers of episodes, of transitions, of values in a frame, and of what all rows have, or none."""
 
     episodes: int
     rows: int
     frame: int
     costs: int
+    expert_actions: int
 
 
 class WindowFolder(NamedTuple):
@@ -56,11 +58,13 @@ class WindowData(NamedTuple):
     truncated: npt.NDArray[np.bool_]  # (N,)
     lengths: npt.NDArray[np.int64]  # (E,)
     costs: Float32s  # (N,), or (0,) for a view without a cost
+    expert_actions: Float32s  # (N, 3), or (0, 3) for a dataset without them
 
     def fill(self, blocks: Iterable[Transitions]) -> None:
         """Copy the transitions of whole episodes, in order."""
         row = episode = 0
-        columns = ["actions", "rewards", "terminated", "truncated", *(["costs"] if len(self.costs) else [])]
+        columns = ["actions", "rewards", "terminated", "truncated"]
+        columns += [name for name in BESIDE if len(getattr(self, name))]
         for block in blocks:
             starts = np.flatnonzero(block.step == 0)
             for start, length in zip(starts, np.diff(starts, append=len(block.step)), strict=True):
@@ -146,7 +150,7 @@ def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iter
 
 def _shapes(sizes: Sizes) -> list[tuple[Any, Any]]:
     """The shape and the type of each array of `WindowData`."""
-    episodes, rows, frame, costs = sizes
+    episodes, rows, frame, costs, expert_actions = sizes
     return [
         ((rows + episodes, frame), np.float32),
         ((rows, 3), np.float32),
@@ -155,6 +159,7 @@ def _shapes(sizes: Sizes) -> list[tuple[Any, Any]]:
         ((rows,), np.bool_),
         ((episodes,), np.int64),
         ((costs,), np.float32),
+        ((expert_actions, 3), np.float32),
     ]
 
 
@@ -240,8 +245,8 @@ class Windows:
 
         Returns:
             observations and next_observations (n, k · history), newest first, actions (n, 3), and rewards,
-            terminated, truncated and, if the view has a cost, costs (n,). They are copies; the two
-            observations share memory.
+            terminated, truncated and, if the view has a cost, costs (n,); expert_actions (n, 3) if the
+            dataset has them. They are copies; the two observations share memory.
 
         Raises:
             IndexError: a number is out of range, or these are neither whole numbers nor a mask.
@@ -257,7 +262,7 @@ class Windows:
             "observations": gathered[:, k:],
             "actions": stored.actions[rows],
             "rewards": stored.rewards[rows],
-            **({"costs": stored.costs[rows]} if len(stored.costs) else {}),
+            **{name: getattr(stored, name)[rows] for name in BESIDE if len(getattr(stored, name))},
             "next_observations": gathered[:, : k * self.history],
             "terminated": stored.terminated[rows],
             "truncated": stored.truncated[rows],

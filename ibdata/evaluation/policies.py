@@ -121,8 +121,8 @@ def _named(name: str | os.PathLike[str]) -> Policy:
         return _block({"kind": text}, f"policy {text}")
     if os.path.isfile(text):
         place, source, folder = text, Path(text).read_bytes(), Path(text).parent
-        if b"\0" in source:
-            raise UsageError(_of_binary(text))
+        if b"\0" in source or text.endswith(".py"):
+            raise UsageError(_of_no_yaml(text))
     elif "{" in text or ":" in text:
         place, source, folder = "policy", text.encode(), None
     else:
@@ -133,13 +133,19 @@ def _named(name: str | os.PathLike[str]) -> Policy:
     except StrictYamlError as error:
         raise ConfigError([f"{place}:{error}"]) from None
     if not isinstance(block, dict) or "kind" not in block:
+        if isinstance(block, dict) and "policies" in block:
+            raise ConfigError(
+                [f"{place}: found an experiment, expected a block; give ibdata.load(…).policies"]
+            )
         example = f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{example}'"])
     return _block(block, place, folder)
 
 
-def _of_binary(path: str) -> str:
-    """What to do with a file that is no text."""
+def _of_no_yaml(path: str) -> str:
+    """What to do with a file that is not YAML."""
+    if path.endswith(".py"):
+        return f"{path}: found Python, expected a block; write '{{kind: custom, target: {path}:NAME}}'"
     if path.endswith(SUFFIX):
         return f"{path}: found a file of weights, expected a block; write '{{kind: network, file: {path}}}'"
     return (
