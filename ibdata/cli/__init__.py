@@ -86,9 +86,9 @@ def cli() -> None:
     """Offline reinforcement-learning datasets of the Industrial Benchmark.
 
     \b
-    ibdata generate random.yaml   the paper's random batch in data/random
-    ibdata info data/random       a summary of that dataset
-    ibdata config list            the experiments that come with ibdata
+    ibdata generate --config random.yaml  the paper's random batch in data/random
+    ibdata info data/random               a summary of that dataset
+    ibdata config list                    the experiments that come with ibdata
     """
 
 

@@ -45,7 +45,9 @@ def init_command(file: Path) -> Printed:
     from ibdata.experiment.catalogue import write_template
 
     write_template(file)
-    return Printed({"file": str(file)}, f"{file}: edit it, then run ibdata generate {file} --dry-run")
+    return Printed(
+        {"file": str(file)}, f"{file}: edit it, then run ibdata generate --config {file} --dry-run"
+    )
 
 
 @click.command("generate")
@@ -105,10 +107,10 @@ def generate_command(
     list` shows them.
 
     \b
-    ibdata generate random.yaml
-    ibdata generate safe.yaml --out data/safe-7 --seed 7 --set steps=50
-    ibdata generate siemens-offline --dry-run
-    ibdata generate random.yaml --shards $SLURM_ARRAY_TASK_ID/3
+    ibdata generate --config random.yaml
+    ibdata generate --config safe.yaml --out data/safe-7 --seed 7 --set steps=50
+    ibdata generate --config siemens-offline --dry-run
+    ibdata generate --config random.yaml --shards $SLURM_ARRAY_TASK_ID/3
     """
     config = _only_one(config, option)
     if dry_run:
@@ -182,8 +184,8 @@ def finalize_command(folder: Path) -> Printed:
     Every shard is checked first. If some are missing, the error names them and the command that makes them.
 
     \b
-    ibdata generate random.yaml --out data/random --shards 1/2
-    ibdata generate random.yaml --out data/random --shards 2/2
+    ibdata generate --config random.yaml --out data/random --shards 1/2
+    ibdata generate --config random.yaml --out data/random --shards 2/2
     ibdata finalize data/random
     """
     from ibdata.generation.generate import finalize

@@ -71,11 +71,11 @@ def _remedy(files: Storage) -> str:
             return f"; did you mean {str(place)!r}?"
     name = folder.as_posix().removeprefix("data/")
     if name in shipped():
-        return f"; ibdata generate {name} makes data/{name}"
+        return f"; ibdata generate --config {name} makes data/{name}"
     if any(folder.glob(f"*/{PATH}")):
         return f"; ibdata ls {folder} lists the datasets in it"
     if any(config.startswith(f"{name}/") for config in shipped()):
-        return f"; ibdata generate {name} makes the datasets of data/{name}"
+        return f"; ibdata generate --config {name} makes the datasets of data/{name}"
     folders: dict[str, Path] = {}
     with suppress(OSError, ValueError):
         for base in (folder.parent, folder.parent / "data", Path("data")):

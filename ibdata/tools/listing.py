@@ -58,13 +58,8 @@ class Listing(Tabular, list[Listed]):
     def tables(self) -> list[Table]:
         """A row for each dataset, and their sum."""
         if not self:
-            return [
-                Table(
-                    (),
-                    (),
-                    [f"{self.folder}: no datasets here or below; ibdata generate random.yaml makes one"],
-                )
-            ]
+            line = "no datasets here or below; ibdata generate --config random.yaml makes one"
+            return [Table((), (), [f"{self.folder}: {line}"])]
         rows, data_bytes = sum(dataset.rows or 0 for dataset in self), sum(dataset.bytes for dataset in self)
         total = f"{self.folder}: {counted(len(self), 'dataset')}, {counted(rows, 'row')}, {size(data_bytes)}"
         return [Table(COLUMNS, list(map(_row, self)), [total])]

@@ -57,7 +57,7 @@ def test_configs_are_listed_with_rows_and_descriptions(run):
 
 
 def test_init_writes_a_valid_experiment_named_as_the_file(run, tmp_path):
-    said = "mine.yaml: edit it, then run ibdata generate mine.yaml --dry-run\n"
+    said = "mine.yaml: edit it, then run ibdata generate --config mine.yaml --dry-run\n"
     assert run("init", "mine.yaml") == (0, said, "")
     experiment = ibdata.load(tmp_path / "mine.yaml")
     assert (experiment.name, set(experiment.splits)) == ("mine", {"source", "target"})
