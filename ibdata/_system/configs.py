@@ -29,3 +29,8 @@ def shipped() -> dict[str, Path]:
     folders = [root(), *sorted(root().iterdir())]
     paths = [path for folder in folders for path in configs_in(folder)]
     return {path.relative_to(root()).with_suffix("").as_posix(): path for path in paths}
+
+
+def suites() -> dict[str, Path]:
+    """The folders of configs that come with ibdata, by name."""
+    return {path.name: path for path in sorted(root().iterdir()) if configs_in(path)}

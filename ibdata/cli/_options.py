@@ -118,7 +118,7 @@ def policies(ctx: click.Context, param: click.Parameter, incomplete: str) -> lis
 
 def configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Files, and the shipped experiments."""
-    from ibdata.experiment.catalogue import shipped, suites
+    from ibdata._system.configs import shipped, suites
 
     names = [name for name in (*suites(), *shipped()) if name.startswith(incomplete)]
     return [CompletionItem(incomplete, type="file"), *map(CompletionItem, names)]

@@ -1,4 +1,4 @@
-"""Load experiments from YAML or from Python data, with single values replaced by overrides.
+"""Find and load experiments, from YAML or from Python data, with single values replaced by overrides.
 
 All errors are reported at once, each with its position.
 """
@@ -16,9 +16,8 @@ from typing import Annotated, Any, NamedTuple
 from ruamel.yaml import YAML
 
 from ibdata._numerics.arguments import native, public
-from ibdata._system.configs import configs_in
-from ibdata.errors import ConfigError, Loc, UsageError
-from ibdata.experiment.catalogue import find, shipped, suites
+from ibdata._system.configs import configs_in, shipped, suites
+from ibdata.errors import ConfigError, Loc, UsageError, suggestion
 from ibdata.experiment.fields import Output
 from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
@@ -47,6 +46,28 @@ __all__ = [
     "shipped",
     "suites",
 ]
+
+
+def find(config: str | os.PathLike[str]) -> Path:
+    """Find a config file or a folder of configs, by path or else by shipped name, with or without '.yaml'.
+
+    A folder without configs is ignored. Raises UsageError if there is no match.
+    """
+    path = Path(os.path.expanduser(config))
+    if os.path.exists(path) and (not os.path.isdir(path) or configs_in(path)):  # False for an invalid name
+        return path
+    known = {**shipped(), **suites()}
+    name = os.fspath(config).removesuffix("/").removesuffix(".yaml")
+    if name and name not in known and os.path.isdir(path):
+        raise UsageError(
+            f"config: found the folder {os.fspath(config)!r} without a file *.yaml, expected one with such "
+            "files, each an experiment; ibdata init makes a first one"
+        )
+    if name not in known:
+        short = ", ".join(each for each in known if "/" not in each)
+        expected = suggestion(name, known) or f", expected a file or one of {short}"
+        raise UsageError(f"config: found {os.fspath(config)!r}{expected}")
+    return known[name]
 
 
 @partial(public, keys=KEYS)

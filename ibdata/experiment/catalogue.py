@@ -1,4 +1,4 @@
-"""The experiments that come with ibdata: their list, the search for one, and the template of a new one."""
+"""The list of the experiments that come with ibdata, and the template of a new one."""
 
 from __future__ import annotations
 
@@ -10,41 +10,13 @@ from typing import Any, NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata._numerics.naming import counted, yaml_name
-from ibdata._system.configs import configs_in, root
-from ibdata._system.configs import shipped as shipped
 from ibdata._system.storage import local
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import IbdataError, UsageError, suggestion
+from ibdata.experiment import load, shipped, suites
 from ibdata.experiment.fields import FileName
 
 MODELINE = "# yaml-language-server:"
-
-
-def suites() -> dict[str, Path]:
-    """The folders of configs that come with ibdata, by name."""
-    return {path.name: path for path in sorted(root().iterdir()) if configs_in(path)}
-
-
-def find(config: str | os.PathLike[str]) -> Path:
-    """Find a config file or a folder of configs, by path or else by shipped name, with or without '.yaml'.
-
-    A folder without configs is ignored. Raises UsageError if there is no match.
-    """
-    path = Path(os.path.expanduser(config))
-    if os.path.exists(path) and (not os.path.isdir(path) or configs_in(path)):  # False for an invalid name
-        return path
-    known = {**shipped(), **suites()}
-    name = os.fspath(config).removesuffix("/").removesuffix(".yaml")
-    if name and name not in known and os.path.isdir(path):
-        raise UsageError(
-            f"config: found the folder {os.fspath(config)!r} without a file *.yaml, expected one with such "
-            "files, each an experiment; ibdata init makes a first one"
-        )
-    if name not in known:
-        short = ", ".join(each for each in known if "/" not in each)
-        expected = suggestion(name, known) or f", expected a file or one of {short}"
-        raise UsageError(f"config: found {os.fspath(config)!r}{expected}")
-    return known[name]
 
 
 def full_name(what: str, name: str, sets: Sequence[str]) -> str:
@@ -83,8 +55,6 @@ class Catalogue(Tabular, list[Listed]):
 
 def catalogue() -> Catalogue:
     """The shipped experiments in order. A folder stands before its experiments."""
-    from ibdata.experiment import load  # which imports this module
-
     experiments = [Listed(name, load(path).rows, description(path)) for name, path in shipped().items()]
     entries = Catalogue(entry for entry in experiments if "/" not in entry.name)
     for suite in suites():

@@ -20,8 +20,7 @@ from ibdata._system.progress import Progress
 from ibdata._system.storage import Remote, is_url, local, refuse_url, url_of
 from ibdata.dataset.dataset import Dataset
 from ibdata.errors import UsageError, notice
-from ibdata.experiment import KEYS, Config, Overrides, load_all
-from ibdata.experiment.catalogue import shipped
+from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation import upload

@@ -21,8 +21,8 @@ from ibdata._system.part import refusals
 from ibdata.dataset.dataset import Dataset, opened
 from ibdata.environment import ID
 from ibdata.errors import BusyError, DatasetError, UsageError, missing, notice
-from ibdata.experiment import Experiment, load
-from ibdata.experiment.catalogue import full_name, shipped
+from ibdata.experiment import Experiment, load, shipped
+from ibdata.experiment.catalogue import full_name
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.build import is_of
 from ibdata.generation.generate import generate

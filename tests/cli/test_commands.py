@@ -58,7 +58,10 @@ def test_head_prints_the_columns_and_split_asked_for(run, data):
 def test_a_dataset_that_is_not_there_is_exit_code_3(run):
     for line, message in (
         ("info safe", "; ibdata generate --config safe makes data/safe"),
-        ("stats data/neorl-like", "; ibdata generate --config neorl-like makes the datasets of data/neorl-like"),
+        (
+            "stats data/neorl-like",
+            "; ibdata generate --config neorl-like makes the datasets of data/neorl-like",
+        ),
         ("stats d4rl-like/medium", "; ibdata generate --config d4rl-like/medium makes data/d4rl-like/"),
         ("info nowhere --debug", "Traceback"),
     ):

@@ -6,7 +6,7 @@ import sys
 
 import ibdata
 from ibdata.cli import cli
-from ibdata.experiment.catalogue import shipped, suites
+from ibdata.experiment import shipped, suites
 from ibdata.policies import POLICIES
 
 
