@@ -81,12 +81,8 @@ def expert_actions(
         return (applied(distribution.sample(np.empty((0, 0)))),)  # it draws nothing
 
     expert = Expert(dynamics=experiment.scenario.base)
-    answers = np.empty(actions.shape, dtype=np.float32)
-    for start, end in blocks(experiment, first, stop):  # blocks limit the memory
-        episodes = episodes_of(experiment, np.arange(start, end)).played_by(expert)
-        rows = slice(start - first, end - first)
-        seen, acted = (recorded[rows].astype(np.float32) for recorded in (observations, actions))
-        [answers[rows]] = replay(episodes, seen, acted, action)
+    episodes = episodes_of(experiment, np.arange(first, stop)).played_by(expert)
+    [answers] = replay(episodes, observations.astype(np.float32), actions.astype(np.float32), action)
     return answers
 
 
@@ -171,9 +167,6 @@ def log_densities(
     def log_density(distribution: Distribution, actions: Float32s) -> tuple[Floats]:
         return (distribution.log_density(actions),)
 
-    densities = np.empty(actions.shape[:2])
-    for start, end in blocks(experiment, first, stop):  # blocks limit the memory
-        episodes, rows = episodes_of(experiment, np.arange(start, end)), slice(start - first, end - first)
-        [found] = replay(episodes, observations[rows], actions[rows], log_density, actions[rows])
-        densities[rows] = found
+    episodes = episodes_of(experiment, np.arange(first, stop))
+    [densities] = replay(episodes, observations, actions, log_density, actions)
     return densities
