@@ -77,6 +77,8 @@ def test_it_changes_no_other_column_and_is_carried_along(plain, tmp_path):
     assert with_answers.arrays(history=3, pad="drop")["expert_actions"].shape == (len(rows) * 68 // 70, 3)
     windows = with_answers.windows(history=3, folder=tmp_path / "windows")
     np.testing.assert_array_equal(windows.batch(np.arange(len(rows)))["expert_actions"], expected)
+    markov = with_answers.arrays(view={"observe": "markov"})  # without the last row of each episode
+    np.testing.assert_array_equal(markov["expert_actions"], expected[rows["step"] < plain["steps"] - 1])
     shown = with_answers.table(view={"actions": True})
     np.testing.assert_array_equal(shown["expert_act_gain"].to_numpy(), rows["expert_act_gain"])
     assert ibdata.state_at(with_answers, (1, 69)).lanes == 1
