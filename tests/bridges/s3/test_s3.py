@@ -85,7 +85,7 @@ def test_no_bucket_and_no_dataset_are_an_error_of_one_line(bucket):
 def test_the_commands_and_the_snippet_of_the_page(bucket, command, tmp_path):
     text = (ROOT / "docs/scale.md").read_text()
     lines = re.findall(r"`(ibdata [a-z]+ [^`]*s3://my-bucket[^`]*)`", text)
-    assert [line.split()[1] for line in lines] == ["generate", "info", "head", "stats", "validate"]
+    assert [line.split()[1] for line in lines] == ["generate", "info", "head", "validate"]
     (snippet,) = (block for block in blocks(text, "python") if "s3://" in block)
     boto3.client("s3").create_bucket(Bucket="my-bucket")
     for args in (*([command, *line.split()[1:]] for line in lines), [sys.executable, "-c", snippet]):
