@@ -15,6 +15,7 @@ from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.policies import Observed, Policy, checked
 from ibdata.policies.base import Float32s, Floats
 from ibdata.policies.checked import AnswerError, ask, raise_placed
+from ibdata.policies.compound import is_foreign
 from ibdata.policies.distributions import Distribution, applied
 from ibdata.policies.user_object import UserObject
 
@@ -67,8 +68,9 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
     """
     policy = policy if isinstance(policy, Policy) else as_policy(policy, history)
     with loaded([policy]) as [policy]:
-        if not any(policy.everywhere(UserObject)):  # of which `loaded` has made sure
-            checked.refuse_impure(policy, exact=True)
+        has_objects = any(policy.everywhere(UserObject))  # of which `loaded` has made sure
+        if is_foreign(policy) or not has_objects:
+            checked.refuse_impure(policy, exact=not has_objects)
         seen = checked.histories(ROWS, policy.needs.history) if histories is None else histories
         in_order = any(part.adapter.remembers for part in policy.everywhere(UserObject))
         for observed, actions in list(checked.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:

@@ -53,7 +53,7 @@ def public(
                 raise ArgumentError(f"{name}: {unknown.format(name)}{_meant(name, value, types, keys)}")
         given = [_taken(name, value, types[name]) for name, value in zip(types, args, strict=False)]
         named = {name: _taken(name, value, types.get(name, Any)) for name, value in options.items()}
-        return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]  # are as before, or converted
+        return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]  # checked above
 
     return checked
 

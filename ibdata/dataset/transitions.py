@@ -112,8 +112,9 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     index = {name: table[name].to_numpy() for name in INDICES}
     actions, rewards = stacked_columns(table, ACTIONS), _rewards(table, options)
     frames, after = _now_and_after(table, options.columns(info.drifting))
+    expert_names = info.names("expert_action")
+    expert = stacked_columns(table, expert_names) if expert_names else None
     costs = None
-    expert = stacked_columns(table, names) if (names := info.names("expert_action")) else None
     if options.cost is not None:
         costs = options.cost.of(tuple(_now_and_after(table, options.cost.variables)[1].T))
     if not options.is_classic:

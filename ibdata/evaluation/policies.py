@@ -21,9 +21,9 @@ from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
 from ibdata.policies.adapter import EXPECTED, has_needs
 from ibdata.policies.base import SETPOINT
-from ibdata.policies.checked import EPISODES, histories, played, refuse_impure
+from ibdata.policies.checked import EPISODES, histories, played
 from ibdata.policies.code import Acting
-from ibdata.policies.compound import is_foreign
+from ibdata.policies.compound import block_of, is_foreign
 from ibdata.policies.libraries import far_notes, owner_of, scaling_of
 from ibdata.policies.network import Network
 from ibdata.policies.user_object import TARGET, Custom, ObjectPolicy, UserObject, refuse_shared
@@ -40,14 +40,14 @@ def policies_of(
     all or by label.
     """
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
-    made = [(label, *_made(given, common, allow_code)) for label, given in _labelled(policies)]
-    labels = unequal(label or policy.label for label, policy, _ in made)
-    taking = [label for label, (_, _, takes_history) in zip(labels, made, strict=True) if takes_history]
+    parsed = [(label, *_parsed(argument, common, allow_code)) for label, argument in _labelled(policies)]
+    labels = unequal(label or policy.label for label, policy, _ in parsed)
+    taking = [label for label, (_, _, takes_history) in zip(labels, parsed, strict=True) if takes_history]
     _refuse_unused(common, bool(taking))
     for label in lengths.keys() - taking:
         expected = f"one of {', '.join(taking)}" if taking else "no label"
         raise UsageError(f"history: found {label!r}, expected {expected}: others set their own number")
-    by_label = {label: policy.labelled(label) for label, (_, policy, _) in zip(labels, made, strict=True)}
+    by_label = {label: policy.labelled(label) for label, (_, policy, _) in zip(labels, parsed, strict=True)}
     for label, length in lengths.items():
         block = {**by_label[label].options(), "name": None, "history": length}
         by_label[label] = _block(block, f"history: {label}").labelled(label)
@@ -66,11 +66,11 @@ def _refuse_unused(history: int, takes_history: bool) -> None:
 
 def _labelled(policies: Any) -> Iterator[tuple[str | None, Any]]:
     """Yield each policy with the label that the user gave it, or None."""
-    for given in policies if isinstance(policies, list | tuple) and not can_act(policies) else [policies]:
-        if can_act(given) or not isinstance(given, Mapping) or "kind" in given:
-            yield None, given
+    for argument in policies if isinstance(policies, list | tuple) and not can_act(policies) else [policies]:
+        if can_act(argument) or not isinstance(argument, Mapping) or "kind" in argument:
+            yield None, argument
             continue
-        for label, policy in given.items():
+        for label, policy in argument.items():
             if not (isinstance(label, str) and label.strip() and label.isprintable()):
                 raise UsageError(f"policy: found the label {label!r}, expected a name")
             yield label, policy
@@ -82,37 +82,38 @@ def as_policy(policy: Any, history: int = 1, allow_code: bool = False) -> Policy
     An object without `needs` sees `history` observations. A custom policy in a file needs `allow_code`.
     Raises UsageError if it is none of these, ConfigError for a block that is not valid.
     """
-    made, takes_history = _made(policy, history, allow_code)
+    parsed, takes_history = _parsed(policy, history, allow_code)
     _refuse_unused(history, takes_history)
-    return made
+    return parsed
 
 
-def _made(given: Any, history: int, allow_code: bool) -> tuple[Policy, bool]:
+def _parsed(argument: Any, history: int, allow_code: bool) -> tuple[Policy, bool]:
     """The policy of what a user gave, and whether that is an object which takes a number of observations."""
-    made, takes_history = _policy_of(given, history)
-    for custom in made.everywhere(Custom) if not allow_code else ():
+    policy, takes_history = _policy_of(argument, history)
+    for custom in policy.everywhere(Custom) if not allow_code else ():
         if custom.checked_with["folder"] is not None:  # it is from a file
             raise UsageError(
-                f"policy {made.label}: found the custom policy {printable(custom.target)} of a file, "
+                f"policy {policy.label}: found the custom policy {printable(custom.target)} of a file, "
                 "which is code that would run; --allow-code if you trust it"
             )
-    return made, takes_history
+    return policy, takes_history
 
 
-def _policy_of(given: Any, history: int) -> tuple[Policy, bool]:
-    if isinstance(given, Policy) and not is_foreign(given):
-        return given, False
-    if isinstance(given, type):
-        raise UsageError(f"policy: found the class {given.__name__}, expected an object: {given.__name__}(…)")
-    if can_act(given):
-        takes_history = not has_needs(given)
+def _policy_of(argument: Any, history: int) -> tuple[Policy, bool]:
+    if isinstance(argument, Policy) and not is_foreign(argument):
+        return argument, False
+    if isinstance(argument, type):
+        name = argument.__name__
+        raise UsageError(f"policy: found the class {name}, expected an object: {name}(…)")
+    if can_act(argument):
+        takes_history = not has_needs(argument)
         length = {"history": history} if takes_history else {}
-        return _block({"kind": "live", "target": given, **length}, "policy"), takes_history
-    if isinstance(given, Mapping):
-        return _block(dict(given), "policy"), False
-    if isinstance(given, str | os.PathLike):
-        return _named(given), False
-    raise UsageError(f"policy: found {shown(given)}, expected one policy: a kind, a block, {EXPECTED}")
+        return _block({**block_of(argument), **length}, "policy"), takes_history
+    if isinstance(argument, Mapping):
+        return _block(dict(argument), "policy"), False
+    if isinstance(argument, str | os.PathLike):
+        return _named(argument), False
+    raise UsageError(f"policy: found {shown(argument)}, expected one policy: a kind, a block, {EXPECTED}")
 
 
 def _named(name: str | os.PathLike[str]) -> Policy:
@@ -176,8 +177,6 @@ def loaded(
             for part in policy.everywhere(UserObject):
                 is_seen = isinstance(part, ObjectPolicy) and part is policy
                 part.refuse_impure(columns if is_seen else len(OBSERVATION))
-            if is_foreign(policy):
-                refuse_impure(policy, exact=False)
         yield ready
         for policy in ready if says else ():
             for note in notes_on(policy):

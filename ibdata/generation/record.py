@@ -104,9 +104,9 @@ def observe(spec: DatasetSpec) -> Record:
 
     What a user should know about its policies is said on stderr.
     """
-    code, found = _code(spec), known_answer()
-    reproducible = found == ANSWER and not spec.live
-    record = Record.of(spec, code=code, reproducible=reproducible, known_answer=found)
+    code, answer_here = _code(spec), known_answer()
+    reproducible = answer_here == ANSWER and not spec.live
+    record = Record.of(spec, code=code, reproducible=reproducible, known_answer=answer_here)
     if spec.user_objects:
         for experiment in spec.experiments:
             _play_user_objects(experiment)
@@ -166,11 +166,11 @@ def _play_user_objects(experiment: Experiment) -> None:
 
 def known_answer(therefore: str = "the manifest says reproducible: false") -> str:
     """Make the known runs and return their `answer`. If the bits are not right, a line on stderr says so."""
-    found = answer()
+    answer_here = answer()
     check()
-    if found != ANSWER:
+    if answer_here != ANSWER:
         notice(f"this machine computes other bits than expected; {therefore}")
-    return found
+    return answer_here
 
 
 # Small runs with a known result show whether this machine computes the same bits as all others. They use

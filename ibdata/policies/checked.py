@@ -26,7 +26,6 @@ from ibdata.policies.distributions import (
 )
 
 Ints = npt.NDArray[np.int64]
-MOST_CLIPPED = 0.2  # share of the numbers of actions
 NOBODY = np.empty(0, dtype=np.int64)  # the numbers of episodes that are made up
 
 
@@ -171,12 +170,6 @@ def raise_placed(error: BaseException, label: str, observed: Observed, episodes:
     where = f"episode {episodes[row % len(episodes)]}" if len(episodes) else "asked about random observations"
     step = observed.step[row] if len(observed.step) else 0
     raise PolicyError(f"policy {label}: {where}: step {step}: {line}") from error
-
-
-def clipping_notes(clipped: float, total: float, what: str) -> Iterator[str]:
-    """A line that says so if many are clipped."""
-    if clipped > MOST_CLIPPED * total:
-        yield f"{clipped / total:.0%} of the {what} are clipped: actions are changes in [-1, 1]"
 
 
 EPISODES, STEPS = 32, 2

@@ -36,7 +36,7 @@ from ibdata.policies.base import (
     is_deterministic,
     other_density,
 )
-from ibdata.policies.checked import clipping_notes, refuse_impure
+from ibdata.policies.checked import refuse_impure
 from ibdata.policies.code import (
     Acting,
     Places,
@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 LIVE = "live:"  # begins the name of an object in a record of code
+MOST_CLIPPED = 0.2  # share of the numbers of actions
 
 
 class UserObject(Policy):
@@ -135,7 +136,9 @@ class UserObject(Policy):
         if note := environment_note(self.adapter.target, view):
             yield note
         clipped, total = self.adapter.clipped.tolist()
-        yield from clipping_notes(clipped, total, "numbers of its actions")
+        if clipped > MOST_CLIPPED * total:
+            share = clipped / total
+            yield f"{share:.0%} of the numbers of its actions are clipped: actions are changes in [-1, 1]"
 
 
 def remembers(policy: Policy) -> bool:
