@@ -36,7 +36,9 @@ OfPoints = Callable[[Float32s], Distribution]
 
 
 @public
-def check_policy(policy: Any, histories: Float32s | None = None, history: int = 1) -> None:
+def check_policy(
+    policy: Any, histories: Float32s | None = None, history: int = 1, allow_code: bool = False
+) -> None:
     """Check that a policy returns valid actions and densities and is a pure function.
 
     The checks are:
@@ -61,12 +63,15 @@ def check_policy(policy: Any, histories: Float32s | None = None, history: int = 
         policy: a `Policy`, or anything else that `ibdata.evaluate` takes.
         histories: observations to check it on, float32 (n, history, 6); by default 256 random ones.
         history: the number of observations passed to an object without `needs`.
+        allow_code: whether a custom policy that a file names may run.
 
     Raises:
+        UsageError: an argument is invalid, or code would run that is not allowed.
         AssertionError: a check failed; the message says which.
         PolicyError: the policy is not pure, raised an exception, or returned no numbers of the right shape.
     """
-    policy = policy if isinstance(policy, Policy) else as_policy(policy, history)
+    if not (isinstance(policy, Policy) and is_foreign(policy)):  # whose own answers are checked, not copies
+        policy = as_policy(policy, history, allow_code)
     with loaded([policy]) as [policy]:
         has_objects = any(policy.everywhere(UserObject))  # of which `loaded` has made sure
         if is_foreign(policy) or not has_objects:

@@ -16,6 +16,7 @@ import ibdata
 from ibdata.errors import PolicyError, UsageError
 from ibdata.experiment import load
 from ibdata.policies.user_object import Custom
+from ibdata.testing import check_policy
 
 
 @pytest.mark.parametrize(
@@ -123,12 +124,15 @@ def test_evaluating_a_file_that_names_code_needs_leave(mine):
     (mine / "e.yaml").write_text(
         "{name: e, setpoints: 20, policies: [{kind: custom, target: 'mine:actor', draws: 3}]}"
     )
-    for given in ("p.yaml", ibdata.load("e.yaml").policies):
-        with pytest.raises(
-            UsageError, match="found the custom policy mine:actor of a file, which is code that"
-        ):
-            ibdata.evaluate(given, steps=3, episodes=2)
+    [of_experiment] = ibdata.load("e.yaml").policies
+    for run in (ibdata.evaluate, check_policy):
+        for policy in ("p.yaml", of_experiment):
+            with pytest.raises(
+                UsageError, match="the custom policy mine:actor of a file, which is code that"
+            ):
+                run(policy)
     assert not (mine / "imported").exists()
+    check_policy(of_experiment, allow_code=True)
     from_file = ibdata.evaluate("p.yaml", steps=3, episodes=2, allow_code=True)
     typed = ibdata.evaluate({"kind": "custom", "target": "mine:actor", "draws": 3}, steps=3, episodes=2)
     assert from_file.returns.tolist() == typed.returns.tolist()
