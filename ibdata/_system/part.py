@@ -1,8 +1,8 @@
 """The part of an output: the hidden folder `.NAME.part` beside its place, in which it is made.
 
 A part belongs to the process that holds the lock in it. What was made in it appears at its place by one
-rename. Each run that makes a dataset has a folder of its own in it, with a note, receipts and the dataset.
-The part stays after a process that failed only if a run has receipts, with which the next one can go on.
+rename. A run that makes a dataset has the folder `run` in it, with a note, receipts and the dataset. The part
+stays after a process that failed only if its run has receipts, with which the next one can go on.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import json
 import os
 import re
 import secrets
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -23,8 +24,10 @@ from ibdata._system.lock import Lock, locked
 from ibdata._system.signals import stoppable
 from ibdata.errors import IbdataError, UsageError, is_thread_limit, notice
 
-LOCK, NOTE, RECEIPTS, OLD = "ibdata.lock", "run.json", "receipts", "old"
-RUN = re.compile("[0-9a-f]{16}")  # the name of a run's folder
+LOCK, RUN, OLD = "ibdata.lock", "run", "old"  # in a part
+NOTE, RECEIPTS, DATASET = "run.json", "receipts", "dataset"  # in the folder of its run
+ENTERED = ("", RUN, f"{RUN}/{RECEIPTS}", f"{RUN}/{DATASET}", f"{RUN}/{DATASET}/data", f"{RUN}/{DATASET}/meta")
+OLDER = re.compile("run[.]json|[0-9a-f]{16}")  # what an older ibdata has in a part
 PATIENCE = (
     10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
 )
@@ -71,30 +74,29 @@ class Part:
         self.lock: Lock  # while this process holds the part
 
     @property
-    def runs(self) -> list[Path]:
-        """The folders of the runs in it; the one that was worked on last stands last."""
-        runs = [path for path in existing_paths(self.folder) if RUN.fullmatch(path.name)]
-        return sorted(runs, key=_last_change)
+    def run(self) -> Path:
+        """The folder of its run."""
+        return self.folder / RUN
 
     @property
     def receipts(self) -> list[Path]:
         """The receipts of what is finished in it."""
-        return [receipt for run in self.runs for receipt in existing_paths(run / RECEIPTS)]
+        return existing_paths(self.run / RECEIPTS)
 
     @property
     def progress(self) -> tuple[int, int] | None:
-        """How many shards of the last run are finished, and how many it has; None if there is no run."""
+        """How many shards of its run are finished, and how many it has; None if there is no run."""
         with suppress(OSError):  # not ours to read, or no name that the system knows
-            for run in reversed(self.runs):
-                with suppress(OSError):
-                    note = json.loads(read_sealed(run / NOTE))
-                    return len(existing_paths(run / RECEIPTS)), note["shards"]
+            return len(self.receipts), json.loads(read_sealed(self.run / NOTE))["shards"]
         return None
 
     @property
     def is_own(self) -> bool:
-        """Whether its place is free or empty, or has ibdata's lock, which is removed after all else."""
-        if self.folder.is_symlink() or self.folder.is_file():
+        """Whether its place is free or empty, or has ibdata's lock, which is removed after all else.
+
+        Nothing in it that is entered may be a link, through which files elsewhere would be removed.
+        """
+        if not all(is_folder_or_nothing(self.folder / name) for name in ENTERED):
             return False
         names = [path.name for path in existing_paths(self.folder)]
         return not names or LOCK in names
@@ -128,9 +130,9 @@ class Part:
                 rename(self.folder / OLD, self.target)
 
     def clear(self) -> None:
-        """Remove all that is in it but the lock; each run at once, so that nobody goes on with its rest."""
-        for run in self.runs:
-            rename(run, self.folder / f"tmp-{secrets.token_hex(8)}")
+        """Remove all that is in it but the lock; its run at once, so that nobody goes on with its rest."""
+        if os.path.lexists(self.run):
+            rename(self.run, self.folder / f"tmp-{secrets.token_hex(8)}")
         for path in self.folder.iterdir():
             if path.name != LOCK:
                 remove(path)
@@ -149,10 +151,14 @@ def existing_paths(folder: Path) -> list[Path]:
         return []
 
 
-def _last_change(run: Path) -> int:
-    with suppress(FileNotFoundError):  # removed meanwhile
-        return (run / RECEIPTS).stat().st_mtime_ns if existing_paths(run / RECEIPTS) else 0
-    return 0
+def is_folder_or_nothing(path: Path) -> bool:
+    """Whether there is a folder or nothing, and neither a file nor a link."""
+    try:
+        return stat.S_ISDIR(os.lstat(path).st_mode)
+    except FileNotFoundError:
+        return True
+    except NotADirectoryError:
+        return False
 
 
 def resolved(out: str | os.PathLike[str]) -> Path:
@@ -211,7 +217,7 @@ def locked_part(
 def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float) -> Lock:
     if not part.is_own:
         raise UsageError(f"{part.folder}: found what ibdata did not make, expected nothing; move it away")
-    if (part.folder / NOTE).exists():
+    if any(OLDER.fullmatch(path.name) for path in existing_paths(part.folder)):
         raise UsageError(
             f"{part.folder}: found an unfinished run of an older ibdata; finish it with that, or remove it"
         )

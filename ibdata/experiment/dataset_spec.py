@@ -97,6 +97,12 @@ class DatasetSpec:
         """Name and experiments as plain data for JSON. No shard needs the later splits."""
         return {"name": self.name, "experiments": [experiment.plain() for experiment in self.experiments]}
 
+    def means(self, recorded: Mapping[str, Any]) -> bool:
+        """Whether plain data say the same, which this ibdata or an older one has recorded."""
+        plain = recorded.get("experiments", [])
+        same = recorded.get("name") == self.name and len(plain) == len(self.experiments)
+        return same and all(map(Experiment.means, self.experiments, plain))
+
     @cached_property
     def shards(self) -> list[Shard]:
         """The shards in order: whole episodes, at least one, and at most `output.shard_rows` rows in each.

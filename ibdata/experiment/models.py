@@ -170,10 +170,6 @@ class Experiment(FrozenModel):
         """The same cells with fewer steps and episodes, and without splits, which may name other episodes."""
         return self.with_options(steps=steps, episodes=episodes, splits={})
 
-    def plain(self) -> dict[str, Any]:
-        """The experiment as plain data for YAML, including all defaults."""
-        return self.model_dump(mode="json", exclude_none=True)
-
     @model_validator(mode="after")
     def _check(self, info: ValidationInfo) -> Experiment:
         folder = (info.context or {}).get("folder")

@@ -1,35 +1,31 @@
 """A dataset comes to be in one way: in the hidden part beside its place, from which it is published.
 
-Each run has a folder of its own in the part, named by what it makes. The same command goes on with it; what
-another experiment or other code has begun stays beside it until a dataset is published here. A dataset is
+A place has one dataset, and its part one run. The same command goes on with it; what another experiment,
+other code or other bits have made or begun is refused in one line, or replaced with --overwrite. A dataset is
 published by one rename; where one is replaced, the two change places in one system call.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
-from itertools import count
 from pathlib import Path
 
 from ibdata._numerics.naming import counted
 from ibdata._system.files import keep_access, part_of, paths_in, remove, rename, sync_all
-from ibdata._system.part import RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
+from ibdata._system.part import DATASET, RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
 from ibdata._system.signals import ignore
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, notice
-from ibdata.experiment import as_yaml
 from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import finish
 from ibdata.generation.record import Record
-from ibdata.generation.shard import DATASET, WrittenShard, all_written, has_size, is_whole, read_receipt
+from ibdata.generation.shard import WrittenShard, all_written, has_size, is_whole, read_receipt
 
 
 class Build:
@@ -49,34 +45,54 @@ class Build:
         overwrite: bool = False,
         new: bool = False,
         name: str | None = None,
+        record: Record | None = None,
+        remedy: str = "--overwrite to replace it",
     ) -> None:
-        """Plan a dataset, with which `overwrite` replaces another one, and `new` refuses every other one."""
+        """Plan a dataset, with which `overwrite` replaces another one, and `new` refuses every other one.
+
+        The `remedy` is what a message advises where something else is in the way.
+        """
         self.spec, self.name = spec, name or str(Path(place))
-        self.run = Path()
         self._is_made = False
         self._path, self._overwrite, self._new = resolved(place), overwrite, new
         self._part = Part(self._path)
-        self._record: Record
+        self._record, self._remedy = record, remedy
 
     @classmethod
     def begun(cls, place: str | os.PathLike[str]) -> tuple[Build, Record] | None:
-        """The run at a place that was worked on last, and its record; None if there is none."""
-        for run in reversed(Part(resolved(place)).runs):
-            with suppress(DatasetError):
-                if record := Record.read(run):
-                    return cls(place, record.dataset_spec()), record
-        return None
+        """The unfinished run at a place, and its record; None if there is none.
+
+        Raises DatasetError if another ibdata began it.
+        """
+        record = Record.read(Part(resolved(place)).run)
+        if record is None or record.is_live:
+            return None
+        try:
+            return cls(place, record.dataset_spec()), record
+        except DatasetError as error:
+            raise DatasetError(f"{place}: {error}") from None
+
+    @property
+    def run(self) -> Path:
+        """The folder of the run in the part."""
+        return self._part.run
+
+    def look(self) -> bool:
+        """Put in order what a killed process has left, then say what `is_there` says."""
+        self.tidy()  # first, for what was to be replaced may lie in the part
+        return self.is_there()
 
     def is_there(self) -> bool:
         """Whether the dataset is there, so that nothing is to be made. Nothing is written.
 
         Raises:
-            UsageError: No dataset can appear here, or there is something else, or it was made by other code.
+            UsageError: No dataset can appear here, or there is something else, finished or not.
             DatasetError: The dataset is damaged.
         """
         with refusals(self.name):
             _refuse_place(self._path, self.name)
             if not existing_paths(self._path):
+                self._refuse_run()
                 return False
             if self._new:
                 raise UsageError(f"{self.name}: exists already; choose another --out")
@@ -91,7 +107,7 @@ class Build:
             if self._overwrite:
                 _refuse_files(self._path, listed)
                 return False
-            refuse_other(listed, self.spec, self.name, "--overwrite to replace it")
+            refuse_other(listed, self.spec, self.name, self._remedy)
             refuse_damage(listed, partial(size_in, self._path), self.name)
             if names := changed_here(self.spec, listed.code):
                 raise UsageError(
@@ -102,53 +118,68 @@ class Build:
 
     def begun_shards(self) -> int:
         """How many shards of this dataset are finished in the part, as far as the files of its code tell."""
-        if self.spec.live:
-            return 0  # whose run begins again
-        mine = Record.of(self.spec, code=[], reproducible=False).makes()
-        return max(
-            (
-                len(existing_paths(run / RECEIPTS))
-                for run, record in self._runs()
-                if record and record.makes() == mine and not changed_here(self.spec, record.code)
-            ),
-            default=0,
-        )
+        return self.finished if self._has_run() and self._difference() is None else 0
 
-    def _runs(self) -> list[tuple[Path, Record | None]]:
-        """The runs in the part and their records, which may be damaged; the last is that worked on last."""
-        return [(run, Record.read(run)) for run in self._part.runs]
+    def _has_run(self) -> bool:
+        """Whether the part has finished shards with which somebody may go on, and which are not published."""
+        if not self._part.receipts:
+            return False
+        begun = Record.read(self.run)
+        if begun is None or begun.is_live:
+            return begun is None
+        return begun.manifest in (None, _checksum(self.run / DATASET))
+
+    def _difference(self) -> str | None:
+        """How the run in the part differs from this one, as far as is known; None if it may go on."""
+        begun = Record.read(self.run)
+        if begun is None:
+            return "whose note is damaged"
+        if self._record is not None:
+            return begun.difference(self._record)
+        known = {"code": begun.code, "reproducible": False, "known_answer": begun.known_answer}
+        if difference := begun.difference(Record.of(self.spec, **known)):
+            return difference
+        names = changed_here(self.spec, begun.code)
+        return f"with other code, in {names_of(names)}" if names else None
+
+    def _refuse_run(self) -> None:
+        """Raise UsageError if the part has the run of another dataset, and it is not to be replaced."""
+        if not self._overwrite and self._has_run() and (difference := self._difference()):
+            raise self._refusal(difference)
+
+    def _refusal(self, difference: str) -> UsageError:
+        done, shards = self._part.progress or (self.finished, "?")
+        return UsageError(
+            f"{self.name}: holds an unfinished run {difference}, {done} of {shards} shards; {self._remedy}, "
+            "or choose another --out"
+        )
 
     def tidy(self) -> None:
         """Remove what a killed run has published, or begun in vain, unless somebody is at work here."""
         if os.path.exists(self._part.folder):
             with suppress(IbdataError), locked_part(self._path) as self._part:
-                self._tidy()
+                self._clear_useless()
 
-    def _tidy(self) -> None:
-        noted = [(run, record.manifest) for run, record in self._runs() if record and record.manifest]
-        published = any(_checksum(run / DATASET) != manifest for run, manifest in noted)
-        if published or not self._part.receipts:
+    def _clear_useless(self) -> None:
+        if not self._has_run():
             self._part.clear()
 
     @contextmanager
     def open(self, record: Record, shared: bool = False) -> Iterator[None]:
         """Hold the part, perhaps with other hosts; begin the run of a record in it, or go on with it.
 
-        Raises what `is_there` raises, and:
-            BusyError: Another process holds the part.
-            UsageError: The part is shared, and others make this dataset with other code or other bits.
+        Raises what `is_there` raises, and BusyError if another process holds the part.
         """
         self._record = record
         if shared:
             self.tidy()
         with locked_part(self._path, self.name, shared=shared) as self._part:
-            self.run = self._folder(0)
             try:
                 if not shared:
-                    self._tidy()
+                    self._clear_useless()
                 self._is_made = self.is_there()
                 if not self._is_made:
-                    self._begin(shared)
+                    self._begin()
                 yield
             except Interrupted as error:
                 if done := self.finished:
@@ -158,42 +189,26 @@ class Build:
                     error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; {how}"
                 raise
 
-    def _folder(self, number: int) -> Path:
-        """The folder of this run, if others have those with lower numbers."""
-        content = json.dumps([number, *self._record.makes()], sort_keys=True)
-        return self._part.folder / hashlib.sha256(content.encode()).hexdigest()[:16]
-
-    def _begin(self, shared: bool) -> None:
-        """Find the folder of this run, or begin it where none is, or none with which it can go on."""
-        for number in count():
-            self.run = self._folder(number)
-            if not self.run.exists() and self._make_folder():
-                break
-            begun = Record.read(self.run)
-            if begun is None or begun.makes() != self._record.makes():
-                continue  # its note is damaged
-            difference = begun.difference(self._record)
-            if difference is None:
-                break
-            if shared:
-                raise UsageError(
-                    f"{self.name}: holds an unfinished run {difference}; run without --shards to make the "
-                    "dataset with what is here, or choose another --out"
-                )
-        for run, other in self._runs():
-            done = len(existing_paths(run / RECEIPTS))
-            if run != self.run and done:
-                what = other.difference(self._record) if other else "whose note is damaged"
-                notice(
-                    f"{self.name}: an unfinished run {what} stays in {run}, with "
-                    f"{counted(done, 'finished shard')}, until a dataset is published here"
-                )
+    def _begin(self) -> None:
+        """Begin the run, or go on with the one that is there; another one is refused or dropped."""
+        if self._make_folder():
+            return
+        if difference := self._difference():
+            if not self._overwrite:
+                raise self._refusal(difference)
+            shards = counted(self.finished, "finished shard")
+            notice(f"{self.name}: an unfinished run {difference} is dropped, with {shards}")
+            self._part.clear()
+            self._make_folder()
 
     def _make_folder(self) -> bool:
-        """Fill the folder of this run under another name, and rename it; False if another host was faster."""
+        """Fill the folder of the run under another name, and rename it; False if there is one."""
+        if self.run.exists():
+            return False
         new = self._part.folder / f"tmp-{secrets.token_hex(8)}"
         for folder in (new, new / DATASET, new / RECEIPTS):
             folder.mkdir()
+        assert self._record is not None
         self._record.write(new)
         try:
             rename(new, self.run)
@@ -207,7 +222,7 @@ class Build:
     @property
     def finished(self) -> int:
         """How many shards of the run that is open are finished; their files are not looked at."""
-        return len(self.spec.shards) if self._is_made else len(existing_paths(self.run / RECEIPTS))
+        return len(self.spec.shards) if self._is_made else len(self._part.receipts)
 
     def missing(self, shards: Sequence[Shard] | None = None) -> list[Shard]:
         """The shards, of all or of these, without a receipt, or whose files are not as their receipts say."""
@@ -229,6 +244,7 @@ class Build:
         if self._is_made:
             return
         folder, record = self.run / DATASET, self._record
+        assert record is not None
         remedy = "run the same command again, or make them with --shards"
         written = all_written(self.run, self.spec.shards, self.name, remedy, is_right)
         paths = {shard.entry.path for shard in written}
@@ -276,9 +292,8 @@ def refuse_name(parts: Sequence[str], place: str | os.PathLike[str]) -> None:
 
 
 def is_of(listed: Manifest, spec: DatasetSpec) -> bool:
-    """Whether a manifest is that of a dataset of one experiment. A merged dataset is made by none."""
-    entry = listed.entries().get(manifest.EXPERIMENT)
-    return entry is not None and entry.sha256 == hashlib.sha256(as_yaml(spec.experiments[0])).hexdigest()
+    """Whether a manifest is that of the dataset of a specification. Of one experiment, no merged one is."""
+    return spec.means({"name": listed.name, "experiments": listed.experiments})
 
 
 def refuse_other(listed: Manifest, spec: DatasetSpec, name: str, remedy: str) -> None:

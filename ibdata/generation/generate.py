@@ -65,7 +65,8 @@ def generate(
         seed: Replaces the experiment's seed.
         overrides: Replace single values of the experiment: texts `key.sub=value`, or a mapping such as
             {"episodes": 10, "output.shard_rows": 1000}.
-        overwrite: Replace a dataset, which stays complete until the new one is.
+        overwrite: Replace a dataset, which stays complete until the new one is. An unfinished run of another
+            experiment, or of other code, is dropped at once.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
         allow_code: Allow custom policies, which run arbitrary Python code. Use only with code you trust. They
             give the same bits only in the same environment, and a run goes on only with the same code.
@@ -98,7 +99,7 @@ def generate(
     if not folder:
         return _generate_one(specs[0], places[0], run, overwrite, Progress(progress))
     for spec, place in zip(specs, places, strict=True):
-        Build(place, spec, overwrite=overwrite).is_there()
+        Build(place, spec, overwrite=overwrite).look()
     return {
         Path(place).name: _generate_one(spec, place, run, overwrite, Progress(progress))
         for spec, place in zip(specs, places, strict=True)
@@ -134,17 +135,16 @@ def _generate_one(
     spec: DatasetSpec, place: Path | str, engine: Engine, overwrite: bool, progress: Progress
 ) -> Dataset:
     if isinstance(place, str):
-        remote, work = Remote(place), upload.work_folder(place, spec.experiments[0])
+        remote, work = Remote(place), upload.work_folder(place)
         if not upload.is_there(remote, spec, work, overwrite):
-            upload.drop_damaged(work, spec)
-            build = Build(work, spec, name=remote.name)
-            if not build.is_there():
+            upload.drop_damaged(work, remote.name)
+            build = Build(work, spec, name=remote.name, remedy=f"remove {work.parent}")
+            if not build.look():
                 _make(build, engine, progress)
             upload.upload(remote, work)
         return Dataset(place)
     build = Build(place, spec, overwrite=overwrite)
-    if build.is_there():
-        build.tidy()
+    if build.look():
         notice(f"{place}: already there; nothing was written")
     else:
         _make(build, engine, progress)
@@ -236,8 +236,8 @@ def make_range(
     if isinstance(place, str):
         raise UsageError(f"{place}: found a URL with --shards, expected a folder that all hosts share")
     shards, missing = shard_range.of(spec.shards), 0
-    build = Build(place, spec)
-    if not build.is_there():
+    build = Build(place, spec, remedy="--overwrite without --shards to replace it")
+    if not build.look():
         with process_for(spec) as process:
             record = process.call(observe)  # for up to a minute, while other hosts need the lock
             with build.open(record, shared=True):

@@ -10,6 +10,7 @@ import hashlib
 import json
 import sys
 from base64 import b64decode, b64encode
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -77,20 +78,20 @@ class Record(JsonObject):
     def dataset_spec(self) -> DatasetSpec:
         """The specification of what the run makes. Raises DatasetError if another ibdata began the run."""
         weights = {name: b64decode(text) for name, text in self.weights.items()}
-        try:
-            return DatasetSpec.from_plain(self.spec, weights)
-        except ValidationError:
-            raise DatasetError("found an unfinished run of another ibdata; finish it with that") from None
+        with suppress(ValidationError):
+            if self.data_version == manifest.DATA_VERSION:
+                return DatasetSpec.from_plain(self.spec, weights)
+        raise DatasetError("found an unfinished run of another ibdata; finish it with that")
 
-    def makes(self) -> list[Any]:
-        """What the run makes, whatever code makes it."""
-        return [self.data_version, self.spec, self.sources]
+    @property
+    def is_live(self) -> bool:
+        """Whether an object of a Python session acts in the run, with which nobody can go on."""
+        return any(code.target.startswith(LIVE) for code in self.code)
 
     def difference(self, other: Record) -> str | None:
-        """How this run differs from another one, in words; None if each can go on with the other's shards."""
-        if any(code.target.startswith(LIVE) for code in self.code):
-            return "of an object of a Python session"
-        if self.makes() != other.makes():
+        """How this run, perhaps of an older ibdata, differs from another; None if that can go on with it."""
+        same = (self.data_version, self.sources) == (other.data_version, other.sources)
+        if not same or not other.dataset_spec().means(self.spec):
             return "of another experiment"
         if names := changed(self.code, other.code):
             return f"with other code, in {names_of(names)}"

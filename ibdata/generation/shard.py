@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 
 from ibdata._simulation.episodes import Table
 from ibdata._system.files import FileEntry, file_sha256, new_file, read_sealed, rename, sealed, write_new
-from ibdata._system.part import RECEIPTS
+from ibdata._system.part import DATASET, RECEIPTS
 from ibdata._system.signals import held
 from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
@@ -32,7 +32,6 @@ from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.pieces import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
 
-DATASET = "dataset"  # the folder of a run that holds the dataset
 WAITING = 2  # pieces that may be in progress
 MOST = 8  # numbers of shards in a message
 

@@ -18,14 +18,13 @@ from ibdata._system.signals import check
 from ibdata._system.storage import Remote, Storage, reason
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
-from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation.build import Build, refuse_damage, refuse_name, refuse_other
+from ibdata.generation.build import refuse_damage, refuse_name, refuse_other
 
 
-def work_folder(url: str, experiment: Experiment) -> Path:
-    """The folder in which a dataset is made before it is uploaded, the same in each try."""
-    identity = hashlib.sha256(Remote(url).url.encode() + as_yaml(experiment)).hexdigest()[:24]
+def work_folder(url: str) -> Path:
+    """The folder in which a dataset is made before it is uploaded to a URL, the same in each try."""
+    identity = hashlib.sha256(Remote(url).url.encode()).hexdigest()[:24]
     return Path(cache_folders().folders[-1], "uploads", identity, "dataset")
 
 
@@ -56,6 +55,9 @@ def is_there(remote: Remote, spec: DatasetSpec, work: Path, overwrite: bool) -> 
         ) from None
     refuse_other(listed, spec, remote.name, "remove it")
     refuse_damage(listed, sizes.get, remote.name)
+    with suppress(DatasetError):
+        if manifest.read(work).checksum == listed.checksum:  # an upload was killed at its end
+            shutil.rmtree(work)
     return True
 
 
@@ -71,18 +73,17 @@ def _files(work: Path) -> set[str]:
     return {path.relative_to(work).as_posix() for path in work.rglob("*") if not is_litter(path.name)}
 
 
-def drop_damaged(work: Path, spec: DatasetSpec) -> None:
-    """Remove what waits for its upload unless it is whole, and made with the code that is here."""
-    try:
-        if not Build(work, spec).is_there():
-            return
-        files, listed = Storage(work), manifest.read(work)
-        entries = listed.entries().items()
-        is_whole = (work / manifest.SPLITS).is_file() and all(files.entry(p) == entry for p, entry in entries)
-    except IbdataError:
-        is_whole = False
-    if not is_whole:
-        shutil.rmtree(work)
+def drop_damaged(work: Path, name: str) -> None:
+    """Remove what waits for its upload unless it is whole."""
+    if not work.exists():
+        return
+    with locked_part(work, name):  # nobody uploads it
+        files, is_whole = Storage(work), False
+        with suppress(DatasetError):
+            entries = manifest.read(work).entries().items()
+            is_whole = (work / manifest.SPLITS).is_file() and all(files.entry(p) == e for p, e in entries)
+        if not is_whole:
+            shutil.rmtree(work, ignore_errors=True)
 
 
 def upload(remote: Remote, work: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
 
+from ibdata._system.part import DATASET
 from ibdata._system.processes import available_processors
 from ibdata._system.signals import check, held
 from ibdata.errors import UsageError
@@ -18,7 +19,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.pieces import Piece, simulated
 from ibdata.generation.process import Process, Progress, Worker
-from ibdata.generation.shard import DATASET, write_receipt, write_shard
+from ibdata.generation.shard import write_receipt, write_shard
 
 ENGINES = ("local", "ray")
 MAX_WORKERS = 1024

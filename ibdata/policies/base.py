@@ -155,6 +155,17 @@ class FrozenModel(BaseModel):
         vars(copy).update({name: getattr(self, name) for name in type(self).model_fields} | options)
         return copy
 
+    def plain(self) -> dict[str, Any]:
+        """The block as plain data for YAML, including all defaults."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+    def means(self, recorded: Any) -> bool:
+        """Whether plain data say the same, which this ibdata or an older one has recorded with all defaults.
+
+        What an older one has not recorded has its default here; a default that has changed was recorded.
+        """
+        return _means(self, self.plain(), recorded)
+
     def __getstate__(self) -> dict[Any, Any]:
         """What is pickled: nothing that was computed."""
         fields = {name: getattr(self, name) for name in type(self).model_fields}
@@ -221,6 +232,27 @@ class Policy(FrozenModel):
     def is_same(self, other: Policy) -> bool:
         """Whether another policy acts as this one does: it has the same class and form."""
         return type(self) is type(other) and self.form() == other.form()
+
+
+def _means(value: Any, plain: Any, recorded: Any) -> bool:
+    """Whether plain data that were recorded say what the value of an option says, which is `plain`."""
+    if type(plain) is not type(recorded):
+        return False
+    if type(plain) is list:
+        return len(plain) == len(recorded) and all(map(_means, value, plain, recorded))
+    if type(plain) is not dict:
+        return bool(plain == recorded)
+    if not isinstance(value, FrozenModel):
+        return plain.keys() == recorded.keys() and all(_means(value[k], plain[k], recorded[k]) for k in plain)
+    options = {name: getattr(value, name) for name in plain}
+    new = {name for name in plain if name not in recorded}
+    fields = type(value).model_fields
+    return recorded.keys() <= plain.keys() and all(
+        options[name] == fields[name].get_default(call_default_factory=True)
+        if name in new
+        else _means(options[name], plain[name], recorded[name])
+        for name in plain
+    )
 
 
 def _policies_in(value: Any) -> Iterator[Policy]:

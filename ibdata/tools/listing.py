@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata._numerics.naming import counted, exact, size
-from ibdata._system.part import RECEIPTS, Part, existing_paths
+from ibdata._system.part import Part
 from ibdata._system.storage import local
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
@@ -107,8 +107,8 @@ def _listed(root: Path) -> Iterator[Listed]:
         for name in below:
             if name.startswith(".") and name.endswith(".part"):
                 part = Part(Path(place, name[1:].removesuffix(".part")))
-                for run in part.runs:
-                    yield _unfinished(part.target, run)
+                if part.run.is_dir():
+                    yield _unfinished(part)
         below[:] = [
             name for name in below if not name.startswith(".") and _is_new(root, Path(place, name), seen)
         ]
@@ -136,13 +136,13 @@ def _finished(path: Path) -> Listed:
         return Listed(path, "damaged", None, None, [], [], _size(path), None)
 
 
-def _unfinished(target: Path, run: Path) -> Listed:
+def _unfinished(part: Part) -> Listed:
+    target, size = part.target, _size(part.run)
     with suppress(DatasetError):
-        if record := Record.read(run):
-            done = len(existing_paths(run / RECEIPTS))
-            state = f"unfinished, {done} of {counted(record.shards, 'shard')}"
-            return _of(target, record.dataset_spec(), state, None, None, _size(run))
-    return Listed(target, "unfinished, damaged", None, None, [], [], _size(run), None)
+        if record := Record.read(part.run):
+            state = f"unfinished, {len(part.receipts)} of {counted(record.shards, 'shard')}"
+            return _of(target, record.dataset_spec(), state, None, None, size)
+    return Listed(target, "unfinished, damaged", None, None, [], [], size, None)
 
 
 def _of(path: Path, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int) -> Listed:

@@ -157,7 +157,7 @@ def _dataset(name: str, experiment: Experiment, root: str | None) -> Dataset:
         kept = _kept(folder, experiment, root)  # another process may have made it meanwhile
         if kept is None:
             remove(folder)
-        dataset = kept or opened(generate(experiment, folder))
+        dataset = kept or opened(generate(experiment, folder, overwrite=True))
     if root not in (None, dataset.content_root):
         raise DatasetError(
             f"{name}: found the content root {dataset.content_root}, expected {root}; ibdata is not what it "

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ibdata._numerics.arguments import public
 from ibdata._system.files import FileEntry, keep_access, remove, rename, sync_folder, write
-from ibdata._system.part import locked_part, resolved
+from ibdata._system.part import DATASET, locked_part, resolved
 from ibdata._system.progress import Progress
 from ibdata._system.signals import check
 from ibdata._system.storage import local
@@ -23,7 +23,7 @@ from ibdata.generation.croissant import croissant
 from ibdata.generation.finish import NEED_CONTENT, metadata_files, refuse_other_plan, rewritten_manifest
 from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
-from ibdata.generation.shard import DATASET, WrittenShard, all_written, content_of
+from ibdata.generation.shard import WrittenShard, all_written, content_of
 from ibdata.generation.workers import refuse_workers, run
 from ibdata.tools.checks import check_shard, splits_problems
 from ibdata.tools.validate import Hashing, card_problems, unlisted_files, validate

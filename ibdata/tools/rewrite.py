@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from ibdata._system.files import write
-from ibdata._system.part import locked_part, resolved
+from ibdata._system.part import DATASET, Part, locked_part, resolved
 from ibdata._system.signals import check
 from ibdata._system.storage import refuse_url
 from ibdata.dataset import manifest
@@ -23,7 +23,7 @@ from ibdata.generation.build import Build
 from ibdata.generation.finish import refuse_other_plan
 from ibdata.generation.pieces import BATCH_ROWS, Piece, stored_pieces
 from ibdata.generation.record import Record
-from ibdata.generation.shard import DATASET, write_receipt, write_shard
+from ibdata.generation.shard import write_receipt, write_shard
 
 
 class Source(NamedTuple):
@@ -46,9 +46,6 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
     lists.
     """
     refuse_url(out)
-    build = Build(out, spec, new=True)
-    build.tidy()
-    build.is_there()
     manifests = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
     record = Record.of(
         spec,
@@ -57,6 +54,8 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
         sources=[one.content_root for one in manifests],
         clipped=sum(one.clipped_actions for one in manifests),
     )
+    build = Build(out, spec, new=True, record=record, remedy=f"remove {Part(resolved(out)).run}")
+    build.look()
     with build.open(record):
         for shard in build.missing():
             _copy(build, shard, sources[shard.experiment])

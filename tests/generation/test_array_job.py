@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 from helpers.datasets import TEN_SHARDS as TEN
-from helpers.folders import contents, is_right, part_of, run_of
+from helpers.folders import contents, is_right, part_of, receipts, run_of
 
 import ibdata
 from ibdata import IbdataError
 from ibdata._system import part as parts
-from ibdata._system.part import Part
 from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -21,6 +20,7 @@ from ibdata.generation.build import Build
 from ibdata.generation.generate import PartMade, Range
 
 SHARDS = DatasetSpec.of(TEN).shards
+OTHER = TEN.model_copy(update={"seed": 1})
 
 
 @pytest.fixture(autouse=True)
@@ -141,18 +141,25 @@ def together(monkeypatch):
 
 def test_hosts_that_begin_at_the_same_moment_make_one_run(plain, files, together):
     assert [made.shards for made in together(TEN, TEN)] == [5, 5]
-    assert len(Part(Path("out")).runs) == 1
+    assert len(receipts("out")) == 10
     assert not list(part_of("out").glob("tmp-*"))
     ibdata.finalize("out")
     assert is_right("out", plain.path, files)
+
+
+def test_of_hosts_with_other_experiments_that_begin_at_the_same_moment_one_is_refused(together):
+    refused, made = sorted(together(TEN, OTHER), key=lambda answer: isinstance(answer, PartMade))
+    assert str(refused).startswith("out: holds an unfinished run of another experiment, ")
+    assert (made.shards, len(receipts("out"))) == (5, 5)
+    assert not list(part_of("out").glob("tmp-*"))
 
 
 def test_of_hosts_with_other_bits_that_begin_at_the_same_moment_one_is_refused(together, monkeypatch):
     answers = iter(["0" * 64, "1" * 64])
     monkeypatch.setattr(record, "answer", lambda: next(answers))
     refused, made = sorted(together(TEN, TEN), key=lambda answer: isinstance(answer, PartMade))
-    assert str(refused).startswith("out: holds an unfinished run of a machine that computes other bits; run")
-    assert (made.shards, len(Part(Path("out")).runs)) == (5, 1)
+    assert str(refused).startswith("out: holds an unfinished run of a machine that computes other bits, ")
+    assert (made.shards, len(receipts("out"))) == (5, 5)
 
 
 def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):

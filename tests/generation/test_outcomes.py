@@ -8,7 +8,6 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right, receipts, run_of
 
 import ibdata
-from ibdata._system.part import Part
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError
 from ibdata.generation import record
@@ -47,20 +46,24 @@ DAMAGED = "out: not a dataset of ibdata, left as it is ("
 NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
 LOST = "out/meta/experiment.yaml: missing or not whole, but the dataset is finished; ibdata repair makes"
 HALF = "out/data/part-00001-"
-BITS = "out: holds an unfinished run of a machine that computes other bits; run without --shards to make"
+BITS = "out: holds an unfinished run of a machine that computes other bits, 1 of 4 shards; --overwrite "
+BEGUN = "out: holds an unfinished run of another experiment, 1 of 4 shards; --overwrite "
+NOTED = "out: holds an unfinished run whose note is damaged, 1 of ? shards; --overwrite "
 PARTS = {  # how what is in the part is made
     "none": lambda: None,
     "mine": begun,
     "of other bits": of_other_bits,
     "another's": lambda: begun(OTHER),
+    "damaged": lambda: (begun(), (run_of("out") / "run.json").write_bytes(b"")),
     "in vain": lambda: (begun(OTHER), shutil.rmtree(run_of("out") / "receipts")),
 }
-FREE = ("made", "goes on", "beside", "beside", "made")
+FREE = ("made", "goes on", BITS, BEGUN, NOTED, "made")
+REPLACED = ("made", "goes on", "dropped", "dropped", "dropped", "made")
 PLACES = {  # how what is at the place is made, and the outcomes with each part
     "nothing": (lambda: None, FREE),
-    "an empty folder": (lambda: Path("out").mkdir(), FREE[:2]),
-    "the dataset": (dataset, ("there",) * 2),
-    "another dataset": (lambda: dataset(OTHER), (REPLACE,) * 2),
+    "an empty folder": (lambda: Path("out").mkdir(), FREE),
+    "the dataset": (dataset, ("there",) * 6),
+    "another dataset": (lambda: dataset(OTHER), (REPLACE,) * 6),
     "without a shard": (without("data/part-00001-*"), (HALF,) * 2),
     "a file": (lambda: Path("out").write_text("mine"), (FILE,)),
     "a folder": (lambda: (Path("out").mkdir(), Path("out/notes.txt").touch()), (FOREIGN,)),
@@ -76,15 +79,18 @@ REFUSED |= {"with another manifest": DAMAGED, "without a manifest": FOREIGN}
 CASES = [
     *((place, part, {}, outcome) for place, (_, row) in PLACES.items() for part, outcome in zip(PARTS, row)),  # noqa: B905
     *((place, "none", {"overwrite": True}, REFUSED.get(place, "made")) for place in PLACES),
-    *(("another dataset", part, {"overwrite": True}, outcome) for part, outcome in zip(PARTS, FREE)),  # noqa: B905
     *(
-        ("nothing", part, {"shards": "1/4"}, outcome)
-        for part, outcome in zip(PARTS, ("made", "goes on", BITS, "beside", "made"), strict=True)
+        (place, part, {"overwrite": True}, outcome)
+        for place in ("nothing", "another dataset")
+        for part, outcome in zip(PARTS, REPLACED, strict=True)
     ),
+    *(("nothing", part, {"shards": "1/4"}, outcome) for part, outcome in zip(PARTS, FREE, strict=True)),
     ("the dataset", "mine", {"shards": "1/4"}, "there"),
-    ("another dataset", "mine", {"shards": "1/4"}, REPLACE),
+    ("another dataset", "mine", {"shards": "1/4"}, REPLACE.replace("to", "without --shards to")),
 ]
-PREVIEWS = {"made": "make it", "beside": "make it"}
+PREVIEWS = {"made": "make it", "dropped": "make it"}
+WORDS = {"of other bits": "of a machine that computes other bits", "another's": "of another experiment"}
+WORDS["damaged"] = "whose note is damaged"
 PREVIEWS |= {"goes on": "go on after 1 finished shard", "there": "open the finished dataset"}
 
 
@@ -114,12 +120,11 @@ def preview(**options):
 
 @pytest.mark.parametrize(("place", "part", "options", "outcome"), CASES)
 def test_each_state_has_one_outcome(states, plain, files, capsys, place, part, options, outcome):
-    """A run makes, goes on, begins beside or refuses, as the table and a preview say, and leaves no more."""
+    """A run makes, goes on, drops or refuses, as the table and a preview say, and leaves no more."""
     for name in (place, part):
         shutil.copytree(states / name, ".", symlinks=True, dirs_exist_ok=True)
     before = contents()
     is_range = "shards" in options
-    runs = Part(Path("out").absolute()).runs
     said = None if is_range or part == "of other bits" else preview(**options)
     assert contents() == before
     if outcome not in PREVIEWS:
@@ -133,15 +138,11 @@ def test_each_state_has_one_outcome(states, plain, files, capsys, place, part, o
     assert said in (None, PREVIEWS[outcome])
     ibdata.generate(TINY, "out", workers=1, **options)
     notice = {"there": "" if is_range else "ibdata: out: already there; nothing was written\n"}
-    if outcome == "beside":
-        what = "of another experiment" if part == "another's" else "of a machine that computes other bits"
-        notice[outcome] = (
-            f"ibdata: out: an unfinished run {what} stays in {runs[0]}, with 1 finished shard, "
-            "until a dataset is published here\n"
-        )
+    if outcome == "dropped":
+        notice[outcome] = f"ibdata: out: an unfinished run {WORDS[part]} is dropped, with 1 finished shard\n"
     assert capsys.readouterr().err == notice.get(outcome, "")
     if is_range:
-        assert len(receipts("out")) == (2 if outcome == "beside" else 1)
+        assert len(receipts("out")) == 1
         return
     known = {Path(path).name for path in before if "/data/part-" in path}
     assert outcome != "goes on" or len(known & {path.name for path in Path("out/data").iterdir()}) == 1

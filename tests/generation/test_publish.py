@@ -15,7 +15,7 @@ from ibdata._system import part
 from ibdata._system.files import read_sealed, sealed, write
 from ibdata._system.part import locked_part
 from ibdata.cli import main
-from ibdata.errors import UsageError
+from ibdata.errors import DatasetError, UsageError
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -148,16 +148,18 @@ def test_a_dataset_that_was_published_before_a_kill_may_be_moved_away(
     assert not Path(".out.part").exists()
 
 
-def test_a_run_of_another_version_is_passed_over(tiny, files, capsys):
+def test_a_run_of_another_version_is_refused(tiny, files, capsys):
     """Whose experiment this version does not read."""
     shutil.rmtree("out")
     ibdata.generate(TINY, "out", workers=1, shards="1/2")
-    (run,) = Path(".out.part").glob("*/run.json")
+    run = Path(".out.part/run/run.json")
     write(run.parent, run.name, sealed(read_sealed(run).replace(b'"random"', b'"wander"')))
     with pytest.raises(SystemExit, match=r"^0$"):
         main(["ls", "."])
     assert "unfinished, damaged" in capsys.readouterr().out
-    with pytest.raises(UsageError, match=r"^out: holds no finished shard"):
+    with pytest.raises(DatasetError, match=r"^out: found an unfinished run of another ibdata"):
         ibdata.finalize("out")
-    ibdata.generate(TINY, "out", workers=1)
+    with pytest.raises(UsageError, match=r"^out: holds an unfinished run of another experiment, 2 of 4"):
+        ibdata.generate(TINY, "out", workers=1)
+    replace()
     assert is_right("out", tiny[0].path, files)

@@ -10,7 +10,7 @@ from helpers.folders import contents, is_right, part_of, receipts, run_of
 import ibdata
 from ibdata import IbdataError
 from ibdata.dataset.models import Code
-from ibdata.errors import Interrupted, UsageError
+from ibdata.errors import DatasetError, Interrupted, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import shard as shard_writing
 from ibdata.generation import workers
@@ -62,9 +62,10 @@ DAMAGE = {
     "foreign": lambda data, other: other,
 }
 FILES = {"run.json": "run.json", "receipt": "receipts/00001.npy", "shard": "dataset/data/part-00001-*"}
+FILES_OF_SHARDS = [FILES["receipt"], FILES["shard"]]
 CASES = [
-    *((FILES[name], damage, "same") for name in FILES for damage in DAMAGE.values()),
-    *((FILES[name], flipped, "finalize") for name in FILES),
+    *((path, damage, "same") for path in FILES_OF_SHARDS for damage in DAMAGE.values()),
+    *((path, flipped, "finalize") for path in FILES_OF_SHARDS),
 ]
 
 
@@ -84,22 +85,64 @@ def test_what_is_damaged_in_a_part_is_made_again(tiny, files, begun, path, damag
     assert is_right("out", tiny[0].path, files)
 
 
+@pytest.mark.parametrize("damage", DAMAGE.values())
+def test_a_run_whose_note_is_damaged_is_refused_and_replaced(tiny, files, begun, damage):
+    """Nobody can tell whose it is."""
+    shutil.copytree(begun, ".", dirs_exist_ok=True)
+    note = run_of("out") / "run.json"
+    note.write_bytes(damage(note.read_bytes(), (run_of("other") / "run.json").read_bytes()))
+    shutil.rmtree(part_of("other"))
+    line = r"^out: holds an unfinished run (whose note is damaged|of another experiment), 2 of [?4] shards"
+    for options in ({}, {"shards": "1/2"}):
+        with pytest.raises(UsageError, match=line):
+            ibdata.generate(TINY, "out", workers=1, **options)
+    ibdata.generate(TINY, "out", workers=1, overwrite=True)
+    assert is_right("out", tiny[0].path, files)
+
+
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
     """A folder with two unfinished runs; those of `other` fit `out`, but for their numbers."""
     folder = tmp_path_factory.mktemp("begun")
     ibdata.generate(TINY, folder / "out", workers=1, shards="1/2")
-    shutil.copytree(run_of(folder / "out"), part_of(folder / "other") / ("0" * 16))
+    shutil.copytree(run_of(folder / "out"), run_of(folder / "other"))
     note = Record.of(DatasetSpec.of(TINY.model_copy(update={"seed": 1})), code=[], reproducible=True)
     note.write(run_of(folder / "other"))
     return folder
 
 
-def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line():
-    """Its files lay directly in the part."""
+@pytest.mark.parametrize("name", ["run", "run/receipts", "run/dataset", "run/dataset/data"])
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_no_link_in_a_part_is_followed(begun, name, overwrite):
+    """Nothing is removed or written where it leads."""
+    shutil.copytree(begun, ".", dirs_exist_ok=True)
+    linked = part_of("out") / name
+    linked.rename("elsewhere")
+    linked.symlink_to(Path("elsewhere").absolute())
+    before = contents()
+    for call in (
+        lambda: ibdata.generate(TINY, "out", workers=1, overwrite=overwrite),
+        lambda: ibdata.finalize("out"),
+    ):
+        with pytest.raises(UsageError, match="found what ibdata did not make, expected nothing; move"):
+            call()
+    assert contents() == before
+
+
+def test_finalize_refuses_a_run_of_another_data_version(begun, monkeypatch):
+    shutil.copytree(begun, ".", dirs_exist_ok=True)
+    ibdata.generate(TINY, "out", workers=1, shards="1/1")
+    monkeypatch.setattr("ibdata.dataset.manifest.DATA_VERSION", 4)
+    with pytest.raises(DatasetError, match=r"^out: found an unfinished run of another ibdata; finish it"):
+        ibdata.finalize("out")
+
+
+@pytest.mark.parametrize("name", ["run.json", "0123456789abcdef"])
+def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line(name):
+    """Its files lay directly in the part, or in a folder with the name of a hash."""
     part_of("out").mkdir()
-    for name in ("ibdata.lock", "run.json"):
-        (part_of("out") / name).touch()
+    for path in ("ibdata.lock", name):
+        (part_of("out") / path).touch()
     before = contents()
     with pytest.raises(
         UsageError, match=r"^\S*\.out\.part: found an unfinished run of an older ibdata; finish"

@@ -93,7 +93,7 @@ def own():
 def test_a_killed_worker_ends_the_run_with_advice(own):
     """And the same command goes on without making shards again."""
     others = (
-        "len(list(pathlib.Path('.out.part').glob('*/receipts/*'))) == 2"  # the shards of the other setpoint
+        "len(list(pathlib.Path('.out.part/run/receipts').glob('*'))) == 2"  # the shards of the other setpoint
     )
     line = "^a worker process ended with code -9, perhaps for lack of memory; run again with few"
     with pytest.raises(IbdataError, match=line):

@@ -36,12 +36,12 @@ def litter(folder):
 
 
 def run_of(place):
-    """The folder of the unfinished run that was worked on last."""
-    return Part(Path(place)).runs[-1]
+    """The folder of the unfinished run."""
+    return Part(Path(place)).run
 
 
 def receipts(place):
-    """The names of the receipts of unfinished runs."""
+    """The names of the receipts of the unfinished run."""
     return sorted(path.name for path in Part(Path(place)).receipts)
 
 

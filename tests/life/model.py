@@ -19,9 +19,8 @@ Made = tuple[str, str | None, frozenset[str]]  # a dataset: its content, experim
 
 
 class Run(NamedTuple):
-    """An unfinished run: its folder, what it makes, and how many of its shards are finished."""
+    """An unfinished run: what it makes, and how many of its shards are finished."""
 
-    folder: str
     made: Made
     done: int
     shards: int
@@ -36,10 +35,15 @@ class Place:
     splits: frozenset[str] = frozenset()
     declared: frozenset[str] = frozenset()
     damaged: frozenset[str] = frozenset()
-    part: tuple[Run, ...] | None = None  # the one that was worked on last stands last; () is rubbish
+    part: bool = False  # whether a hidden part is beside it
+    run: Run | None = None  # which is in the part; a published one, or one without a shard, is rubbish
     file: bool = False  # of a user, in the place of the folder
     note: str | None = None  # a user's file inside
     words: str | None = None  # that a user has added to the card
+
+    def refuses(self, made: Made) -> bool:
+        """Whether the run of another dataset is in the way of this one."""
+        return self.run is not None and self.run.made != made
 
     def made(self, holds: str, experiment: str | None, splits: frozenset[str] = frozenset()) -> Place:
         """A new dataset here, with the declared splits."""
@@ -65,7 +69,7 @@ def generate(place: Place, experiment: str, flags: Sequence[str]) -> Expected:
     elif place.holds and not overwrite:
         after = place
         codes = DONE if place.experiment == experiment else USAGE
-    elif place.note:
+    elif place.note or (not overwrite and place.refuses((experiment, experiment, frozenset()))):
         codes = USAGE
     if (place.damaged and not overwrite) or MANIFEST in place.damaged:  # it may not be told whose it is
         codes = NO if codes == USAGE else ANY
@@ -73,20 +77,21 @@ def generate(place: Place, experiment: str, flags: Sequence[str]) -> Expected:
 
 
 def generate_range(place: Place, experiment: str) -> Expected:
-    """Some shards, also beside those of others."""
+    """Some shards, where nobody has others."""
     if place.holds:
         codes = DONE if place.experiment == experiment else USAGE
         return Expected(ANY if place.damaged else codes, place)
-    return Expected(USAGE if place.file or place.note else DONE, replace(place))
+    other = place.refuses((experiment, experiment, frozenset()))
+    return Expected(USAGE if place.file or place.note or other else DONE, replace(place))
 
 
 def finalize(place: Place) -> Expected:
-    """A dataset of the run that was worked on last, if its shards are all finished."""
+    """The dataset of the run, if its shards are all finished."""
     if place.holds:  # an unfinished replacement is never finished unasked
         return Expected(ANY if place.damaged or place.part else DONE, place)
-    if not place.part or place.file or place.note:
+    if not place.run or place.file or place.note:
         return Expected(NO, place)
-    run = place.part[-1]
+    run = place.run
     return Expected(DONE if run.done == run.shards else NO, place.made(*run.made))
 
 
@@ -94,7 +99,8 @@ def new(place: Place, after: Place, sources: Sequence[Place]) -> Expected:
     """A dataset from others, where nothing is yet."""
     if not all(source.holds for source in sources):
         return Expected(NO, place)
-    if place.file or place.note or place.holds:
+    made = str(after.holds), None, after.splits
+    if place.file or place.note or place.holds or place.refuses(made):
         return Expected(NO, place)
     return Expected(ANY if any(source.damaged for source in sources) else DONE, after)
 

@@ -42,7 +42,7 @@ def places(fits: Callable[[Place], object]) -> st.SearchStrategy[str]:
 
 
 HOLDS, EMPTY = (lambda place: place.holds), (lambda place: not place.holds)
-PART, MINE = (lambda place: place.part), (lambda place: place.note or place.file)
+PART, MINE = (lambda place: place.run), (lambda place: place.note or place.file)
 EDITED = places(lambda place: place.words)
 ANYWHERE, DATASETS, OTHERS, PARTS_LEFT = map(places, (bool, HOLDS, EMPTY, PART))
 NAMES, BY = st.sampled_from(sorted(EXPERIMENTS)), st.sampled_from(sorted(model.NAMES))
@@ -98,7 +98,7 @@ class Life(RuleBasedStateMachine):
     @rule(out=PARTS_LEFT, moment=moments(45))
     def finalize(self, out: str, moment: Moment) -> None:
         place = self.world.places[out]
-        made = place.part[-1].made if place.part else None
+        made = place.run.made if place.run else None
         self.run(out, model.finalize(place), moment, "finalize", out, made=made)
 
     @rule(sources=st.permutations("xyz"), moment=moments(75))
@@ -146,7 +146,7 @@ class Life(RuleBasedStateMachine):
         ]
         answers = []
         meanwhile = lambda: answers.append(self.known.forks.run(*args[1]))  # noqa: E731
-        self.world.places[out] = replace(place, part=None)
+        self.world.places[out] = replace(place, part=False, run=None)
         answers.append(
             self.known.forks.run(*args[0], folder=self.world.home, mode="SIGSTOP", at=at, meanwhile=meanwhile)
         )

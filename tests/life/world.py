@@ -7,6 +7,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -90,7 +91,8 @@ class World:
             if after is place and answer.code != FAULTS[mode]:
                 assert self.signature(out) == before, "something changed"
             self.read(readers, wanted, place)
-            self.places[out] = replace(after, part=self.part(out, after, answer, mode, made))
+            part, run = self.part(out, after, answer, mode, made, "--overwrite" in args)
+            self.places[out] = replace(after, part=part, run=run)
             self.check_all()
         except AssertionError as error:
             raise AssertionError(f"{args} at {place}: expected {expected}, found {answer}: {error}") from None
@@ -128,36 +130,49 @@ class World:
             return None
 
     def part(
-        self, out: str, after: Place, answer: Answer, mode: str, made: Made | None
-    ) -> tuple[Run, ...] | None:
-        """The unfinished runs that are beside a place now, each of which `ibdata ls` shows."""
-        folder, place = self.home / f".{out}.part", self.places[out]
-        done = {path.parent.name: len(list(path.iterdir())) for path in folder.glob("[0-9a-f]*/receipts")}
-        runs = [run for run in place.part or () if done.get(run.folder) == run.done]
-        changed = {name for name, count in done.items() if count} - {run.folder for run in runs}
-        for name in changed:
-            assert made is not None, "whose run?"
-            shards = json.loads((folder / name / "run.json").read_bytes()[:-32])["shards"]
-            runs.append(Run(name, made, done[name], shards))
-        assert len(changed) < 2, "two runs have changed"
-        known = {run.folder: run for run in place.part or ()}
-        assert all(known.get(run.folder, run).made == run.made for run in runs), "whose run?"
-        lost = [run for run in known.values() if done.get(run.folder, 0) < run.done]
+        self, out: str, after: Place, answer: Answer, mode: str, made: Made | None, overwrite: bool
+    ) -> tuple[bool, Run | None]:
+        """Whether a part is beside a place now, and the unfinished run in it, which `ibdata ls` shows."""
+        folder, was = self.home / f".{out}.part", self.places[out].run
+        run = self.unfinished(folder / "run", made, was)
         is_new = made is not None and after.holds == made[0]
-        assert not lost or is_new or any(run.made[0] == after.holds for run in lost), "lost shards"
-        assert not (answer.code == 0 and is_new and after is not place and folder.exists()), "a part is left"
-        if not folder.exists():
+        kept = was is None or (run is not None and run.made == was.made and run.done >= was.done)
+        dropped = overwrite and was is not None and was.made != made
+        assert kept or dropped or is_new, "lost shards"
+        assert not (answer.code == 0 and is_new and after is not self.places[out] and folder.exists()), (
+            "a part is left"
+        )
+        assert not folder.exists() or run or mode != "none" or self.places[out].part, "a part of no use"
+        if run:
+            listed = self.known.forks.run("ls", self.home, "--json")
+            assert listed.code == 0, listed
+            states = [
+                each["state"] for each in json.loads(listed.output)["datasets"]
+                if each["path"] == str(self.home / out) and each["state"].startswith("unfinished")
+            ]  # fmt: skip
+            assert states == [f"unfinished, {run.done} of {run.shards} shards"], "ls"
+        return folder.exists(), run
+
+    def unfinished(self, folder: Path, made: Made | None, was: Run | None) -> Run | None:
+        """The run in a folder, if it has shards and is not published."""
+        try:
+            note = json.loads((folder / "run.json").read_bytes()[:-32])
+            done = len(os.listdir(folder / "receipts"))
+        except FileNotFoundError:
             return None
-        assert runs or mode != "none" or place.part == (), "a part is left that is of no use"
-        listed = self.known.forks.run("ls", self.home, "--json")
-        assert listed.code == 0, listed
-        states = [
-            each["state"] for each in json.loads(listed.output)["datasets"]
-            if each["path"] == str(self.home / out) and each["state"].startswith("unfinished")
-        ]  # fmt: skip
-        shown = [f"unfinished, {run.done} of {run.shards} shards" for run in runs]
-        assert sorted(shown) == sorted(state for state in states if ", 0 of" not in state), "ls"
-        return tuple(runs)
+        if note.get("manifest"):
+            with suppress(FileNotFoundError):
+                listed = json.loads((folder / "dataset" / MANIFEST).read_bytes())
+                done = done if listed["checksum"] == note["manifest"] else 0
+            done = done if (folder / "dataset").exists() else 0
+        if not done:
+            return None
+        name = "AB"[note["spec"]["experiments"][0]["seed"]]
+        whose: Made | None = (name, name, frozenset())
+        if note.get("sources") is not None:
+            whose = made if made is not None and made[1] is None else was and was.made
+        assert whose is not None, "whose run?"
+        return Run(whose, done, note["shards"])
 
     def read(self, readers: Readers, wanted: set[str | None], place: Place, must: bool = False) -> None:
         """Read by all readers: one of these datasets, or an error unless they must find one."""
@@ -188,7 +203,7 @@ class World:
         """Nothing else lies beside the places, and every place that has changed is as expected."""
         names = {name for name in self.places if (self.home / name).exists()}
         assert set(os.listdir(self.home)) == names | {
-            f".{name}.part" for name in self.places if self.places[name].part is not None
+            f".{name}.part" for name in self.places if self.places[name].part
         }
         for name, place in self.places.items():
             if self.checked.get(name) != (seen := (self.signature(name), place)):

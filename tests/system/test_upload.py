@@ -14,6 +14,7 @@ from ibdata._system.storage import Remote
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, IbdataError, Interrupted, UsageError
 from ibdata.generation import upload
+from ibdata.generation.shard import write_receipt
 
 FILES = 12  # of the dataset
 PUT = Remote.put
@@ -23,7 +24,7 @@ PUT = Remote.put
 def cache(url, tmp_path, monkeypatch):
     """The folder of this machine in which datasets wait for their upload."""
     folder = tmp_path / "cache"
-    monkeypatch.setattr(upload, "work_folder", lambda url, e: folder / str(e.seed) / "dataset")
+    monkeypatch.setattr(upload, "work_folder", lambda url: folder / "0" / "dataset")
     return folder
 
 
@@ -71,6 +72,32 @@ def test_the_files_of_a_folder_are_there_the_manifest_last(url, tiny, cache, is_
     paths.clear()
     assert four_shards_at(url).manifest == dataset.manifest
     assert paths == []
+
+
+def test_another_experiment_waits_for_the_one_that_is_not_uploaded(url, monkeypatch, cache, is_whole):
+    """Finished, or begun; what has been uploaded is in nobody's way."""
+    interrupted(monkeypatch, url, 4)
+    with pytest.raises(UsageError, match=f"there: holds the dataset of another .*; remove {cache}/0, or"):
+        four_shards_at(url, seed=1)
+    four_shards_at(url)
+    assert is_whole()
+    with monkeypatch.context() as broken:
+        broken.setattr("ibdata.generation.workers.write_receipt", stop_after(2))
+        with pytest.raises(Interrupted):
+            four_shards_at(url + "-too")
+    with pytest.raises(UsageError, match=f"too: holds an unfinished run of another .*; remove {cache}/0, or"):
+        four_shards_at(url + "-too", seed=1)
+
+
+def stop_after(shards):
+    calls = iter(range(shards))
+
+    def stopping(*args):
+        if next(calls, None) is None:
+            raise Interrupted(15)
+        write_receipt(*args)
+
+    return stopping
 
 
 @pytest.mark.parametrize("puts", [0, FILES - 1])
@@ -126,7 +153,7 @@ def test_what_a_url_cannot_do_is_refused(url, tmp_path):
 
 def test_of_two_uploads_at_once_one_waits(url, cache, is_whole):
     """Neither removes what the other one uploads."""
-    target = cache / str(TINY.seed) / "dataset"
+    target = cache / "0" / "dataset"
     with locked_part(target), pytest.raises(BusyError, match=r"there: another process is writing here; wait"):
         four_shards_at(url)
     assert not Path("there").exists()

@@ -99,7 +99,7 @@ def test_a_signal_ends_it_and_the_ray_that_it_started(command):
         text=True,
     )
     deadline = time.monotonic() + 100
-    while not list(Path(".out.part").glob("*/receipts/*")) and time.monotonic() < deadline:
+    while not list(Path(".out.part/run/receipts").glob("*")) and time.monotonic() < deadline:
         time.sleep(0.01)
     run.send_signal(signal.SIGTERM)
     _, said = run.communicate(timeout=60)
