@@ -13,11 +13,11 @@ import json
 import os
 import re
 import secrets
-import stat
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from ibdata._system.files import part_of, paths_in, read_sealed, remove, rename, sync_folder
 from ibdata._system.lock import Lock, locked
@@ -26,7 +26,6 @@ from ibdata.errors import IbdataError, UsageError, is_thread_limit, notice
 
 LOCK, RUN, OLD = "ibdata.lock", "run", "old"  # in a part
 NOTE, RECEIPTS, DATASET = "run.json", "receipts", "dataset"  # in the folder of its run
-ENTERED = ("", RUN, f"{RUN}/{RECEIPTS}", f"{RUN}/{DATASET}", f"{RUN}/{DATASET}/data", f"{RUN}/{DATASET}/meta")
 OLDER = re.compile("run[.]json|[0-9a-f]{16}")  # what an older ibdata has in a part
 PATIENCE = (
     10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
@@ -83,23 +82,18 @@ class Part:
         """The receipts of what is finished in it."""
         return existing_paths(self.run / RECEIPTS)
 
-    @property
-    def progress(self) -> tuple[int, int] | None:
-        """How many shards of its run are finished, and how many it has; None if there is no run."""
-        with suppress(OSError):  # not ours to read, or no name that the system knows
-            return len(self.receipts), json.loads(read_sealed(self.run / NOTE))["shards"]
-        return None
+    def foreign(self) -> Path | None:
+        """What ibdata did not make: the part if its lock is missing, or what is no folder or file in it.
 
-    @property
-    def is_own(self) -> bool:
-        """Whether its place is free or empty, or has ibdata's lock, which is removed after all else.
-
-        Nothing in it that is entered may be a link, through which files elsewhere would be removed.
+        Files elsewhere would be removed through a link. What is only removed may have links in it.
         """
-        if not all(is_folder_or_nothing(self.folder / name) for name in ENTERED):
-            return False
+        if os.path.islink(self.folder) or self.folder.is_file():
+            return self.folder
         names = [path.name for path in existing_paths(self.folder)]
-        return not names or LOCK in names
+        if names and LOCK not in names:  # which is removed after all else
+            return self.folder
+        links = [path for path in (self.folder / OLD, self.run) if os.path.islink(path)]
+        return links[0] if links else _irregular(self.run)
 
     def place(self, dataset: Path, replace: bool = False) -> None:
         """Give what was made in the part its name. Whatever had the name is in the part afterwards.
@@ -143,6 +137,15 @@ class Part:
         self.lock.remove()
 
 
+def note_of(run: Path) -> dict[str, Any]:
+    """The data in the note of a run; none if there is no note that is as it was written."""
+    try:
+        note = json.loads(read_sealed(run / NOTE))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return note if isinstance(note, dict) else {}
+
+
 def existing_paths(folder: Path) -> list[Path]:
     """The files and folders in a folder, in order; none if there is no such folder."""
     try:
@@ -151,14 +154,16 @@ def existing_paths(folder: Path) -> list[Path]:
         return []
 
 
-def is_folder_or_nothing(path: Path) -> bool:
-    """Whether there is a folder or nothing, and neither a file nor a link."""
-    try:
-        return stat.S_ISDIR(os.lstat(path).st_mode)
-    except FileNotFoundError:
-        return True
-    except NotADirectoryError:
-        return False
+def _irregular(folder: Path) -> Path | None:
+    """The first path below a folder that is neither a folder nor a regular file; None if there is none."""
+    with suppress(FileNotFoundError, NotADirectoryError), os.scandir(folder) as entries:
+        for entry in entries:
+            path = Path(entry)
+            is_folder = entry.is_dir(follow_symlinks=False)
+            found = _irregular(path) if is_folder else None
+            if found or not (is_folder or entry.is_file(follow_symlinks=False)):
+                return found or path
+    return None
 
 
 def resolved(out: str | os.PathLike[str]) -> Path:
@@ -215,8 +220,8 @@ def locked_part(
 
 
 def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float) -> Lock:
-    if not part.is_own:
-        raise UsageError(f"{part.folder}: found what ibdata did not make, expected nothing; move it away")
+    if foreign := part.foreign():
+        raise UsageError(f"{foreign}: found what ibdata did not make, expected nothing; move it away")
     if any(OLDER.fullmatch(path.name) for path in existing_paths(part.folder)):
         raise UsageError(
             f"{part.folder}: found an unfinished run of an older ibdata; finish it with that, or remove it"

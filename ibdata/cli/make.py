@@ -83,11 +83,11 @@ def init_command(file: Path) -> Printed:
     help="Make only part I of N, counted from 1. Several hosts that share DIR can make one part each; then "
     "`ibdata finalize` completes the dataset.",
 )
-@click.option("--resume", is_flag=True, hidden=True, expose_value=False)  # a run always goes on
 @click.option(
     "--overwrite",
     is_flag=True,
-    help="Replace the dataset in DIR; it stays readable until the new one is complete.",
+    help="Replace the dataset in DIR; it stays readable until the new one is complete. The unfinished run of "
+    "another experiment is dropped at once.",
 )
 @click.option("--dry-run", is_flag=True, help="Tell the size and what would be done; write nothing.")
 @allow_code_option

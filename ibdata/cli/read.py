@@ -28,8 +28,9 @@ SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mea
 def ls_command(folder: Path) -> Result:
     """List the datasets in a folder and in the folders below it.
 
-    FOLDER is the current folder by default. By its manifest, a dataset is finished, unfinished (the same
-    command goes on) or damaged; ibdata validate checks all files.
+    FOLDER is the current folder by default. By its manifest, a dataset is finished or damaged; ibdata
+    validate checks all files. An unfinished one is shown with the hidden folder of its run: the same command
+    goes on with it, and removing the folder drops it.
 
     \b
     ibdata ls

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ibdata._system.configs import shipped
-from ibdata._system.part import Part, resolved
+from ibdata._system.part import DATASET, Part, note_of, resolved
 from ibdata._system.storage import Storage, in_data, local, reason, storage
 from ibdata.dataset.models import Manifest, parse
 from ibdata.errors import DatasetError, UsageError, nearest, printable
@@ -63,9 +63,11 @@ def _remedy(files: Storage) -> str:
     folder = Path(files.name)
     below = in_data(folder) or folder
     for place in (files.path, below):
-        if progress := Part(resolved(place)).progress:
-            shards = "{} of {} shards".format(*progress)
-            return f"; an unfinished run has {shards} here, and the same command goes on"
+        part = Part(resolved(place))
+        with suppress(OSError):  # not ours to read, or no name that the system knows
+            if is_unfinished(part):
+                done, shards = progress(part)
+                return f"; an unfinished run has {done} of {shards} shards here, and the same command goes on"
     for place in (below, *folder.parents):
         if os.path.isfile(local(place) / PATH):
             return f"; did you mean {str(place)!r}?"
@@ -130,6 +132,29 @@ def refuse_partition(parts: Iterable[str], out: str | os.PathLike[str]) -> None:
             f"{out}: found the folder {column}, from whose name some readers would take the values of "
             "a column; choose another name, without ="
         )
+
+
+def is_unfinished(part: Part) -> bool:
+    """Whether a part has finished shards with which somebody may go on.
+
+    Nobody goes on with a run in which an object of a Python session acts, or with one that was published.
+    """
+    note = note_of(part.run)
+    is_published = note.get("manifest") not in (None, checksum_in(part.run / DATASET))
+    return bool(part.receipts) and not note.get("live") and not is_published
+
+
+def progress(part: Part) -> tuple[int, int | str]:
+    """How many shards of the run in a part are finished, and how many it has, or "?"."""
+    shards = note_of(part.run).get("shards")
+    return len(part.receipts), shards if isinstance(shards, int) else "?"
+
+
+def checksum_in(folder: Path) -> str | None:
+    """The checksum of the manifest in a folder; None if there is none that can be read."""
+    with suppress(OSError, ValueError):
+        return _parsed((folder / PATH).read_bytes()).checksum
+    return None
 
 
 def sealed(manifest: Manifest) -> Manifest:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
+from ibdata._numerics.naming import counted
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, printable
@@ -97,11 +98,15 @@ class DatasetSpec:
         """Name and experiments as plain data for JSON. No shard needs the later splits."""
         return {"name": self.name, "experiments": [experiment.plain() for experiment in self.experiments]}
 
-    def means(self, recorded: Mapping[str, Any]) -> bool:
-        """Whether plain data say the same, which this ibdata or an older one has recorded."""
-        plain = recorded.get("experiments", [])
-        same = recorded.get("name") == self.name and len(plain) == len(self.experiments)
-        return same and all(map(Experiment.means, self.experiments, plain))
+    def difference(self, name: str, recorded: Sequence[Any]) -> str | None:
+        """The first option that differs in a name and plain experiments; None if these mean the same."""
+        if (name, len(recorded)) != (self.name, len(self.experiments)):
+            found, expected = (
+                f"{n} of {counted(count, 'experiment')}"
+                for n, count in ((name, len(recorded)), (self.name, len(self.experiments)))
+            )
+            return f"found {found}, expected {expected}"
+        return next(filter(None, map(Experiment.difference, self.experiments, recorded)), None)
 
     @cached_property
     def shards(self) -> list[Shard]:

@@ -177,9 +177,11 @@ class Output(FrozenModel):
     latent: Literal[False, True, "full", "next"] = Field(
         default=True, description="Markov state at t; full: with derived values; next: with that at t + 1"
     )
-    expert_action: Annotated[
-        Annotated[bool, Field(strict=True)] | None, AfterValidator(lambda x: x or None)
-    ] = Field(default=None, description="whether each row has the action that the expert would take there")
+    expert_action: bool = Field(
+        default=False,
+        strict=True,
+        description="whether each row has the action that the expert would take there",
+    )
     shard_rows: Annotated[int, Field(strict=True, ge=1, le=100_000_000), FROM_FLOAT] = Field(
         default=1_000_000, description="most rows of a file, which holds whole episodes and at least one"
     )

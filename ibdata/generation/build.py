@@ -14,9 +14,17 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
-from ibdata._numerics.naming import counted
 from ibdata._system.files import keep_access, part_of, paths_in, remove, rename, sync_all
-from ibdata._system.part import DATASET, RECEIPTS, Part, existing_paths, locked_part, refusals, resolved
+from ibdata._system.part import (
+    DATASET,
+    OLD,
+    RECEIPTS,
+    Part,
+    existing_paths,
+    locked_part,
+    refusals,
+    resolved,
+)
 from ibdata._system.signals import ignore
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
@@ -24,7 +32,7 @@ from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, no
 from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import finish
-from ibdata.generation.record import Record
+from ibdata.generation.record import OTHER_BITS, UNREADABLE, Record
 from ibdata.generation.shard import WrittenShard, all_written, has_size, is_whole, read_receipt
 
 
@@ -46,17 +54,17 @@ class Build:
         new: bool = False,
         name: str | None = None,
         record: Record | None = None,
-        remedy: str = "--overwrite to replace it",
+        replaces: str | None = "--overwrite",
     ) -> None:
         """Plan a dataset, with which `overwrite` replaces another one, and `new` refuses every other one.
 
-        The `remedy` is what a message advises where something else is in the way.
+        Messages name the option that `replaces` what is in the way, if there is one.
         """
         self.spec, self.name = spec, name or str(Path(place))
         self._is_made = False
         self._path, self._overwrite, self._new = resolved(place), overwrite, new
         self._part = Part(self._path)
-        self._record, self._remedy = record, remedy
+        self._record, self._replaces = record, replaces
 
     @classmethod
     def begun(cls, place: str | os.PathLike[str]) -> tuple[Build, Record] | None:
@@ -64,9 +72,12 @@ class Build:
 
         Raises DatasetError if another ibdata began it.
         """
-        record = Record.read(Part(resolved(place)).run)
-        if record is None or record.is_live:
+        part = Part(resolved(place))
+        record = Record.read(part.run)
+        if record.live if record else not manifest.is_unfinished(part):
             return None
+        if record is None:
+            raise DatasetError(f"{place}: holds an unfinished run {UNREADABLE}; remove {_shown(part.run)}")
         try:
             return cls(place, record.dataset_spec()), record
         except DatasetError as error:
@@ -79,7 +90,7 @@ class Build:
 
     def look(self) -> bool:
         """Put in order what a killed process has left, then say what `is_there` says."""
-        self.tidy()  # first, for what was to be replaced may lie in the part
+        tidy(self._path)  # first, for what was to be replaced may lie in the part
         return self.is_there()
 
     def is_there(self) -> bool:
@@ -91,13 +102,17 @@ class Build:
         """
         with refusals(self.name):
             _refuse_place(self._path, self.name)
-            if not existing_paths(self._path):
-                self._refuse_run()
+            place = self._path if existing_paths(self._path) else self._part.folder / OLD  # to be restored
+            is_in_the_way = not self._overwrite and manifest.is_unfinished(self._part)
+            difference = self._difference() if is_in_the_way else None
+            if not existing_paths(place):
+                if difference:
+                    raise self._refused_run(difference)
                 return False
             if self._new:
                 raise UsageError(f"{self.name}: exists already; choose another --out")
             try:
-                listed = manifest.read(self._path)
+                listed = manifest.read(place)
             except DatasetError as error:
                 why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
                 raise UsageError(
@@ -105,64 +120,44 @@ class Build:
                     "another --out"
                 ) from None
             if self._overwrite:
-                _refuse_files(self._path, listed)
+                _refuse_files(place, listed)
                 return False
-            refuse_other(listed, self.spec, self.name, self._remedy)
-            refuse_damage(listed, partial(size_in, self._path), self.name)
-            if names := changed_here(self.spec, listed.code):
-                raise UsageError(
-                    f"{self.name}: holds the dataset of this experiment with other code, in "
-                    f"{names_of(names)}; --overwrite to make it again"
-                )
+            if other := other_dataset(listed, self.spec):
+                way = f"{self._replaces} to replace" if self._replaces else f"remove {_shown(place)} to drop"
+                if difference:
+                    raise self._refused(f"{other}, and {self._run_in_words(difference)}", f"{way} both")
+                raise self._refused(other, f"{way} it")
+            refuse_damage(listed, partial(size_in, place), self.name)
             return True
 
     def begun_shards(self) -> int:
         """How many shards of this dataset are finished in the part, as far as the files of its code tell."""
-        return self.finished if self._has_run() and self._difference() is None else 0
-
-    def _has_run(self) -> bool:
-        """Whether the part has finished shards with which somebody may go on, and which are not published."""
-        if not self._part.receipts:
-            return False
-        begun = Record.read(self.run)
-        if begun is None or begun.is_live:
-            return begun is None
-        return begun.manifest in (None, _checksum(self.run / DATASET))
+        is_mine = manifest.is_unfinished(self._part) and self._difference() is None
+        return len(self._part.receipts) if is_mine else 0
 
     def _difference(self) -> str | None:
         """How the run in the part differs from this one, as far as is known; None if it may go on."""
         begun = Record.read(self.run)
-        if begun is None:
-            return "whose note is damaged"
-        if self._record is not None:
-            return begun.difference(self._record)
-        known = {"code": begun.code, "reproducible": False, "known_answer": begun.known_answer}
-        if difference := begun.difference(Record.of(self.spec, **known)):
-            return difference
-        names = changed_here(self.spec, begun.code)
-        return f"with other code, in {names_of(names)}" if names else None
+        return UNREADABLE if begun is None else begun.difference(self.spec, self._record)
 
-    def _refuse_run(self) -> None:
-        """Raise UsageError if the part has the run of another dataset, and it is not to be replaced."""
-        if not self._overwrite and self._has_run() and (difference := self._difference()):
-            raise self._refusal(difference)
+    def _run_in_words(self, difference: str) -> str:
+        done, shards = manifest.progress(self._part)
+        return f"an unfinished run {difference}, {done} of {shards} shards"
 
-    def _refusal(self, difference: str) -> UsageError:
-        done, shards = self._part.progress or (self.finished, "?")
-        return UsageError(
-            f"{self.name}: holds an unfinished run {difference}, {done} of {shards} shards; {self._remedy}, "
-            "or choose another --out"
-        )
+    def _refused_run(self, difference: str) -> UsageError:
+        """The error for a run in the part that is another one, and what a user can do about it."""
+        done, shards = manifest.progress(self._part)
+        ways = [f"remove {_shown(self.run)} to drop it"]
+        if OTHER_BITS in difference:
+            ways.insert(0, "a machine like the first goes on with it")
+        if self._replaces:
+            ways.append(f"{self._replaces} to replace it")
+            if done == shards:
+                ways.insert(0, f"ibdata finalize {self.name} finishes it")
+        return self._refused(self._run_in_words(difference), ", ".join(ways))
 
-    def tidy(self) -> None:
-        """Remove what a killed run has published, or begun in vain, unless somebody is at work here."""
-        if os.path.exists(self._part.folder):
-            with suppress(IbdataError), locked_part(self._path) as self._part:
-                self._clear_useless()
-
-    def _clear_useless(self) -> None:
-        if not self._has_run():
-            self._part.clear()
+    def _refused(self, what: str, ways: str) -> UsageError:
+        return UsageError(f"{self.name}: holds {what}; {ways}, or choose another --out")
 
     @contextmanager
     def open(self, record: Record, shared: bool = False) -> Iterator[None]:
@@ -172,11 +167,11 @@ class Build:
         """
         self._record = record
         if shared:
-            self.tidy()
+            tidy(self._path)
         with locked_part(self._path, self.name, shared=shared) as self._part:
             try:
                 if not shared:
-                    self._clear_useless()
+                    _clear_useless(self._part)
                 self._is_made = self.is_there()
                 if not self._is_made:
                     self._begin()
@@ -195,9 +190,8 @@ class Build:
             return
         if difference := self._difference():
             if not self._overwrite:
-                raise self._refusal(difference)
-            shards = counted(self.finished, "finished shard")
-            notice(f"{self.name}: an unfinished run {difference} is dropped, with {shards}")
+                raise self._refused_run(difference)
+            notice(f"{self.name}: dropped {self._run_in_words(difference)}")
             self._part.clear()
             self._make_folder()
 
@@ -258,7 +252,7 @@ class Build:
             for path in [folder, *folder.rglob("*")]:  # as those of the dataset that is replaced
                 old = self._path / path.relative_to(folder)
                 keep_access(old if path.is_dir() else self._path / manifest.PATH, path)
-            record.model_copy(update={"manifest": _checksum(folder)}).write(self.run)
+            record.model_copy(update={"manifest": manifest.checksum_in(folder)}).write(self.run)
             ignore()  # a run that has published is finished, and not stopped
             self._part.place(folder, self._overwrite)
         with suppress(OSError):  # Windows removes no open file; who has the part next removes it
@@ -291,18 +285,14 @@ def refuse_name(parts: Sequence[str], place: str | os.PathLike[str]) -> None:
         )
 
 
-def is_of(listed: Manifest, spec: DatasetSpec) -> bool:
-    """Whether a manifest is that of the dataset of a specification. Of one experiment, no merged one is."""
-    return spec.means({"name": listed.name, "experiments": listed.experiments})
-
-
-def refuse_other(listed: Manifest, spec: DatasetSpec, name: str, remedy: str) -> None:
-    """Raise UsageError if a manifest is that of another dataset."""
-    is_of_object, is_same = bool(spec.live), is_of(listed, spec)
-    if is_same and not is_of_object:
-        return
-    whose = "an object of a Python session" if is_same else "another experiment"
-    raise UsageError(f"{name}: holds the dataset of {whose}; {remedy}, or choose another --out")
+def other_dataset(listed: Manifest, spec: DatasetSpec) -> str | None:
+    """Whose dataset a manifest lists, in words; None if it is that of a specification."""
+    if difference := spec.difference(listed.name, listed.experiments):
+        return f"the dataset of another experiment ({difference})"
+    if spec.live:
+        return "the dataset of an object of a Python session"
+    names = changed_here(spec, listed.code)
+    return f"the dataset of this experiment with other code, in {names_of(names)}" if names else None
 
 
 def size_in(folder: Path, path: str) -> int | None:
@@ -342,8 +332,18 @@ def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
             yield path
 
 
-def _checksum(folder: Path) -> str | None:
-    try:
-        return manifest.read(folder).checksum
-    except DatasetError:
-        return None
+def tidy(path: Path) -> None:
+    """Remove what a killed run has left at a place in vain, unless somebody is at work here."""
+    if os.path.exists(part_of(path)):
+        with suppress(IbdataError), locked_part(path) as part:
+            _clear_useless(part)
+
+
+def _clear_useless(part: Part) -> None:
+    if not manifest.is_unfinished(part):
+        part.clear()
+
+
+def _shown(path: Path) -> Path:
+    """A path as it is seen from the current folder."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

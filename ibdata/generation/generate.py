@@ -24,7 +24,7 @@ from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation import upload
-from ibdata.generation.build import Build, refuse_damage, refuse_name, size_in
+from ibdata.generation.build import Build, refuse_damage, refuse_name, size_in, tidy
 from ibdata.generation.process import Process, process_for
 from ibdata.generation.record import observe
 from ibdata.generation.shard import is_whole
@@ -138,7 +138,7 @@ def _generate_one(
         remote, work = Remote(place), upload.work_folder(place)
         if not upload.is_there(remote, spec, work, overwrite):
             upload.drop_damaged(work, remote.name)
-            build = Build(work, spec, name=remote.name, remedy=f"remove {work.parent}")
+            build = Build(work, spec, name=remote.name, replaces=None)
             if not build.look():
                 _make(build, engine, progress)
             upload.upload(remote, work)
@@ -236,7 +236,7 @@ def make_range(
     if isinstance(place, str):
         raise UsageError(f"{place}: found a URL with --shards, expected a folder that all hosts share")
     shards, missing = shard_range.of(spec.shards), 0
-    build = Build(place, spec, remedy="--overwrite without --shards to replace it")
+    build = Build(place, spec, replaces="--overwrite without --shards")
     if not build.look():
         with process_for(spec) as process:
             record = process.call(observe)  # for up to a minute, while other hosts need the lock
@@ -262,6 +262,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """
     refuse_url(folder)
     place = Path(folder)
+    tidy(resolved(place))
     if not existing_paths(resolved(place)):
         begun = Build.begun(place)
         if begun is None:

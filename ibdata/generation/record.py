@@ -7,35 +7,41 @@ a process that goes on with the run, a worker, a range of an array job.
 from __future__ import annotations
 
 import hashlib
-import json
 import sys
 from base64 import b64decode, b64encode
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from ibdata._simulation.carry import begin
 from ibdata._simulation.unroll import unroll
-from ibdata._system.files import read_sealed, sealed, write
-from ibdata._system.part import NOTE
+from ibdata._system.files import sealed, write
+from ibdata._system.part import NOTE, note_of
 from ibdata._system.signals import check
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, parse
 from ibdata.dataset.statistics import moments
 from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment import Experiment
-from ibdata.experiment.code import changed, names_of, record
+from ibdata.experiment.code import changed, changed_here, names_of, record
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.rollout import episodes_of, rollout
 from ibdata.experiment.scenario import other_dynamics
 from ibdata.generation.metadata import as_json
-from ibdata.policies.user_object import LIVE, UserObject, refuse_shared
+from ibdata.policies.user_object import UserObject, refuse_shared
 from ibdata.views.variables import ROWS
 
 STEPS, SETPOINTS = 100, 32  # at most, that users' objects play before a run
+UNREADABLE = "whose note is damaged, or of another ibdata"
+OTHER_BITS = "of a machine that computes other bits"
+
+
+class Planned(JsonObject):
+    """What `DatasetSpec.plain` gives."""
+
+    name: str
+    experiments: list[Unchecked]
 
 
 class Record(JsonObject):
@@ -46,7 +52,7 @@ class Record(JsonObject):
     """
 
     data_version: Count
-    spec: Unchecked  # as `DatasetSpec.plain` gives it
+    spec: Planned
     weights: dict[str, str]  # of its networks, in base64
     shards: Count
     code: list[Code]
@@ -55,20 +61,27 @@ class Record(JsonObject):
     sources: list[Sha256] | None = None  # content roots
     clipped: Count | None = None  # actions, where their number is not known from the rows
     manifest: Sha256 | None = None
+    live: bool  # whether an object of a Python session acts in it
 
     @classmethod
     def of(cls, spec: DatasetSpec, **more: Any) -> Record:
         """The record of a run that makes the dataset of a specification."""
         weights = {name: b64encode(data).decode() for name, data in spec.weights.items()}
-        version, shards = manifest.DATA_VERSION, len(spec.shards)
-        return cls(data_version=version, spec=spec.plain(), weights=weights, shards=shards, **more)
+        return cls(
+            data_version=manifest.DATA_VERSION,
+            spec=Planned(**spec.plain()),
+            weights=weights,
+            shards=len(spec.shards),
+            live=bool(spec.live),
+            **more,
+        )
 
     @classmethod
     def read(cls, run: Path) -> Record | None:
-        """The record in the folder of a run; None if there is none that is as it was written."""
+        """The record in the note of a run; None if it is damaged, or another ibdata's."""
         try:
-            return parse(cls, json.loads(read_sealed(run / NOTE)))
-        except (OSError, ValueError):  # another ibdata's, too
+            return parse(cls, note_of(run))
+        except ValueError:
             return None
 
     def write(self, run: Path) -> None:
@@ -77,27 +90,29 @@ class Record(JsonObject):
 
     def dataset_spec(self) -> DatasetSpec:
         """The specification of what the run makes. Raises DatasetError if another ibdata began the run."""
-        weights = {name: b64decode(text) for name, text in self.weights.items()}
-        with suppress(ValidationError):
+        try:
+            weights = {name: b64decode(text) for name, text in self.weights.items()}
             if self.data_version == manifest.DATA_VERSION:
-                return DatasetSpec.from_plain(self.spec, weights)
+                return DatasetSpec.from_plain(self.spec.plain(), weights)
+        except ValueError:
+            pass
         raise DatasetError("found an unfinished run of another ibdata; finish it with that")
 
-    @property
-    def is_live(self) -> bool:
-        """Whether an object of a Python session acts in the run, with which nobody can go on."""
-        return any(code.target.startswith(LIVE) for code in self.code)
+    def difference(self, spec: DatasetSpec, mine: Record | None) -> str | None:
+        """How this run differs from one that makes a dataset here; None if that can go on with it.
 
-    def difference(self, other: Record) -> str | None:
-        """How this run, perhaps of an older ibdata, differs from another; None if that can go on with it."""
-        same = (self.data_version, self.sources) == (other.data_version, other.sources)
-        if not same or not other.dataset_spec().means(self.spec):
-            return "of another experiment"
-        if names := changed(self.code, other.code):
+        As long as that has no record, the files of its code are compared, and no bits.
+        """
+        if self.data_version != manifest.DATA_VERSION:
+            version = f"found {self.data_version}, expected {manifest.DATA_VERSION}"
+            return f"of another experiment (data version: {version})"
+        if difference := spec.difference(self.spec.name, self.spec.experiments):
+            return f"of another experiment ({difference})"
+        if self.sources != (mine and mine.sources):
+            return "of other datasets"
+        if names := changed(self.code, mine.code) if mine else changed_here(spec, self.code):
             return f"with other code, in {names_of(names)}"
-        if self.known_answer != other.known_answer:
-            return "of a machine that computes other bits"
-        return None
+        return OTHER_BITS if mine and mine.known_answer != self.known_answer else None
 
 
 def observe(spec: DatasetSpec) -> Record:

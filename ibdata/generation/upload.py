@@ -19,7 +19,7 @@ from ibdata._system.storage import Remote, Storage, reason
 from ibdata.dataset import manifest
 from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation.build import refuse_damage, refuse_name, refuse_other
+from ibdata.generation.build import other_dataset, refuse_damage, refuse_name
 
 
 def work_folder(url: str) -> Path:
@@ -53,7 +53,8 @@ def is_there(remote: Remote, spec: DatasetSpec, work: Path, overwrite: bool) -> 
             f"{remote.name}: holds files, but no finished dataset, such as {min(sizes)}; remove them, or "
             "choose another --out"
         ) from None
-    refuse_other(listed, spec, remote.name, "remove it")
+    if other := other_dataset(listed, spec):
+        raise UsageError(f"{remote.name}: holds {other}; remove it, or choose another --out")
     refuse_damage(listed, sizes.get, remote.name)
     with suppress(DatasetError):
         if manifest.read(work).checksum == listed.checksum:  # an upload was killed at its end

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from ibdata._numerics.naming import NAME_PATTERN
+from ibdata.errors import excerpt
 from ibdata.policies.distributions import Distribution
 
 if TYPE_CHECKING:
@@ -159,12 +160,13 @@ class FrozenModel(BaseModel):
         """The block as plain data for YAML, including all defaults."""
         return self.model_dump(mode="json", exclude_none=True)
 
-    def means(self, recorded: Any) -> bool:
-        """Whether plain data say the same, which this ibdata or an older one has recorded with all defaults.
+    def difference(self, recorded: Any) -> str | None:
+        """The first option that differs in recorded plain data; None if these mean the same.
 
-        What an older one has not recorded has its default here; a default that has changed was recorded.
+        Data are recorded with all defaults. So an option that they lack is one that an older ibdata did not
+        have, and it must have its default here.
         """
-        return _means(self, self.plain(), recorded)
+        return _difference(self, self.plain(), recorded)
 
     def __getstate__(self) -> dict[Any, Any]:
         """What is pickled: nothing that was computed."""
@@ -234,25 +236,22 @@ class Policy(FrozenModel):
         return type(self) is type(other) and self.form() == other.form()
 
 
-def _means(value: Any, plain: Any, recorded: Any) -> bool:
-    """Whether plain data that were recorded say what the value of an option says, which is `plain`."""
-    if type(plain) is not type(recorded):
-        return False
-    if type(plain) is list:
-        return len(plain) == len(recorded) and all(map(_means, value, plain, recorded))
-    if type(plain) is not dict:
-        return bool(plain == recorded)
-    if not isinstance(value, FrozenModel):
-        return plain.keys() == recorded.keys() and all(_means(value[k], plain[k], recorded[k]) for k in plain)
-    options = {name: getattr(value, name) for name in plain}
-    new = {name for name in plain if name not in recorded}
-    fields = type(value).model_fields
-    return recorded.keys() <= plain.keys() and all(
-        options[name] == fields[name].get_default(call_default_factory=True)
-        if name in new
-        else _means(options[name], plain[name], recorded[name])
-        for name in plain
-    )
+def _difference(value: Any, plain: Any, recorded: Any, *keys: object) -> str | None:
+    """The first place where recorded data differ from the value of an option, which is `plain`."""
+    pairs: list[tuple[object, Any, Any, Any]] = []
+    if type(plain) is type(recorded) is dict:
+        fields = type(value).model_fields if isinstance(value, FrozenModel) else {}
+        options = {name: getattr(value, name) for name in fields} or value
+        for name in {**plain, **recorded}:
+            is_new = name in fields and name not in recorded
+            if not is_new or options[name] != fields[name].get_default(call_default_factory=True):
+                pairs.append((name, options.get(name), plain.get(name), recorded.get(name)))
+    elif type(plain) is type(recorded) is list and len(plain) == len(recorded):
+        pairs = list(zip(range(len(plain)), value, plain, recorded, strict=True))
+    elif type(plain) is not type(recorded) or plain != recorded:
+        return f"{'.'.join(map(str, keys))}: found {excerpt(recorded)}, expected {excerpt(plain)}"
+    differences = (_difference(*inner, *keys, key) for key, *inner in pairs)
+    return next(filter(None, differences), None)
 
 
 def _policies_in(value: Any) -> Iterator[Policy]:

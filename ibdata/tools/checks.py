@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import zip_longest
@@ -11,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from ibdata._system.progress import Advance, unseen
 from ibdata._system.storage import Storage, reason
@@ -160,7 +158,8 @@ def metadata_problems(
             continue
         expected = make()
         try:
-            message = first_difference(_facts(path, stored.read(path), spec), _facts(path, expected, spec))
+            found, wanted = (_facts(stored, path, data, spec) for data in (stored.read(path), expected))
+            message = first_difference(found, wanted)
         except DatasetError as error:
             yield Problem.of(error, path, stored.storage.where(path), "metadata")
         except (ValueError, pa.ArrowException) as error:
@@ -170,10 +169,10 @@ def metadata_problems(
                 yield Problem(path, None, "metadata", message)
 
 
-def _facts(path: str, data: bytes, spec: DatasetSpec) -> Any:
+def _facts(stored: Stored, path: str, data: bytes, spec: DatasetSpec) -> Any:
     """What programs read in a file of `meta`. The prose of a description may be said in other words."""
     if path.endswith(".parquet"):
-        table = pq.read_table(io.BytesIO(data))
+        table = parquet.read(stored.storage, path, data=data)
         if "setpoint" in table.column_names:  # float64 in tables of earlier versions, whatever the rows have
             place = table.column_names.index("setpoint")
             table = table.set_column(place, "setpoint", table["setpoint"].cast(pa.float32()))

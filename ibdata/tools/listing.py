@@ -26,8 +26,8 @@ MOST_NAMES = 3  # of setpoints or policies that are shown
 class Listed(NamedTuple):
     """A dataset, finished or not.
 
-    `state` is finished, "unfinished, n of m shards" or damaged. `rows` and `content_root` are None unless the
-    manifest tells them.
+    `state` is finished, "unfinished, n of m shards" or damaged. The path of an unfinished one is the hidden
+    folder of its run. `rows` and `content_root` are None unless the manifest tells them.
     """
 
     path: Path
@@ -107,7 +107,7 @@ def _listed(root: Path) -> Iterator[Listed]:
         for name in below:
             if name.startswith(".") and name.endswith(".part"):
                 part = Part(Path(place, name[1:].removesuffix(".part")))
-                if part.run.is_dir():
+                if manifest.is_unfinished(part):
                     yield _unfinished(part)
         below[:] = [
             name for name in below if not name.startswith(".") and _is_new(root, Path(place, name), seen)
@@ -137,12 +137,12 @@ def _finished(path: Path) -> Listed:
 
 
 def _unfinished(part: Part) -> Listed:
-    target, size = part.target, _size(part.run)
+    size = _size(part.run)
     with suppress(DatasetError):
         if record := Record.read(part.run):
             state = f"unfinished, {len(part.receipts)} of {counted(record.shards, 'shard')}"
-            return _of(target, record.dataset_spec(), state, None, None, size)
-    return Listed(target, "unfinished, damaged", None, None, [], [], size, None)
+            return _of(part.run, record.dataset_spec(), state, None, None, size)
+    return Listed(part.run, "unfinished, damaged", None, None, [], [], size, None)
 
 
 def _of(path: Path, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int) -> Listed:

@@ -24,7 +24,6 @@ from ibdata.errors import BusyError, DatasetError, UsageError, missing, notice
 from ibdata.experiment import Experiment, load, shipped
 from ibdata.experiment.catalogue import full_name
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation.build import is_of
 from ibdata.generation.generate import generate
 from ibdata.tools.validate import validate
 from ibdata.views.options import View
@@ -170,8 +169,9 @@ def _kept(folder: Path, experiment: Experiment, root: str | None) -> Dataset | N
     """The dataset in the cache, if it is what it should be, and whole."""
     with suppress(DatasetError, BusyError):
         dataset = Dataset(folder)
-        is_same = is_of(dataset.stored.manifest, DatasetSpec.of(experiment))
-        if is_same and root in (None, dataset.content_root) and not validate(dataset, quick=True):
+        listed = dataset.stored.manifest
+        difference = DatasetSpec.of(experiment).difference(listed.name, listed.experiments)
+        if difference is None and root in (None, dataset.content_root) and not validate(dataset, quick=True):
             return dataset
     return None
 

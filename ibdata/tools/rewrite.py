@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from ibdata._system.files import write
-from ibdata._system.part import DATASET, Part, locked_part, resolved
+from ibdata._system.part import DATASET, locked_part, resolved
 from ibdata._system.signals import check
 from ibdata._system.storage import refuse_url
 from ibdata.dataset import manifest
@@ -54,7 +54,7 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
         sources=[one.content_root for one in manifests],
         clipped=sum(one.clipped_actions for one in manifests),
     )
-    build = Build(out, spec, new=True, record=record, remedy=f"remove {Part(resolved(out)).run}")
+    build = Build(out, spec, new=True, record=record, replaces=None)
     build.look()
     with build.open(record):
         for shard in build.missing():

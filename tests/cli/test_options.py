@@ -71,7 +71,7 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
         {"config": SUITE, "out": "o", "overwrite": False, "shards": "1/2", **LOADED, **RUN},
     ),
     (
-        f"generate $S --out o {CHANGES} --workers 3 --allow-code --resume --dry-run",
+        f"generate $S --out o {CHANGES} --workers 3 --allow-code --dry-run",
         "ibdata.generation.estimate.estimate",
         {"config": SUITE, "out": "o", "overwrite": False, **LOADED, "allow_code": True},
     ),

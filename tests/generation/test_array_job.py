@@ -149,7 +149,7 @@ def test_hosts_that_begin_at_the_same_moment_make_one_run(plain, files, together
 
 def test_of_hosts_with_other_experiments_that_begin_at_the_same_moment_one_is_refused(together):
     refused, made = sorted(together(TEN, OTHER), key=lambda answer: isinstance(answer, PartMade))
-    assert str(refused).startswith("out: holds an unfinished run of another experiment, ")
+    assert str(refused).startswith("out: holds an unfinished run of another experiment (seed: found ")
     assert (made.shards, len(receipts("out"))) == (5, 5)
     assert not list(part_of("out").glob("tmp-*"))
 

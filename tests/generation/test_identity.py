@@ -6,11 +6,13 @@ from pathlib import Path
 import pytest
 from helpers import networks
 from helpers.datasets import FOUR_SHARDS as TINY
-from helpers.folders import receipts, run_of, seal
+from pydantic.fields import FieldInfo
 
 import ibdata
-from ibdata._system.files import read_sealed, sealed, write
-from ibdata.errors import UsageError
+from ibdata._system.storage import Remote
+from ibdata.dataset import manifest
+from ibdata.errors import IbdataError, UsageError
+from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies import base
 
@@ -66,48 +68,108 @@ def at(data, path):
 def test_what_is_not_recorded_counts_as_the_default(rich):
     """And what is recorded counts, so that a changed default makes another experiment."""
     recorded = json.dumps(rich.plain())
-    assert rich.means(json.loads(recorded))
+    assert rich.difference(json.loads(recorded)) is None
     found = list(options(rich, json.loads(recorded)))
     assert len(found) > 40
     assert {is_default for _, is_default in found} == {True, False}
     for path, is_default in found:
         data = json.loads(recorded)
-        was = at(data, path[:-1]).pop(path[-1])
-        assert rich.means(data) == is_default, path
-        at(data, path[:-1])[path[-1]] = [was, "other"]
-        assert not rich.means(data), path
+        at(data, path[:-1]).pop(path[-1])
+        assert (rich.difference(data) is None) == is_default, path
+        at(data, path[:-1])[path[-1]] = "other data"
+        assert rich.difference(data).startswith(f"{'.'.join(map(str, path))}: found 'other data', expected ")
     for path in ((), ("output",), ("policies", 0), ("splits",)):
         data = json.loads(recorded)
-        at(data, path)["unknown"] = None
-        assert not rich.means(data), path
+        at(data, path)["unknown"] = 1
+        assert rich.difference(data) == f"{'.'.join(map(str, (*path, 'unknown')))}: found 1, expected None"
 
 
-def test_a_finished_dataset_of_an_older_ibdata_is_already_there(capsys):
-    made = ibdata.generate(TINY, "out", workers=1)
-    seal(made.path, lambda listed: [e.pop("licence") for e in listed["experiments"]])
-    ibdata.generate(TINY, "out", workers=1)
-    assert "already there" in capsys.readouterr().err
-    seal(made.path, lambda listed: [e.update(licence="MIT") for e in listed["experiments"]])
-    with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment"):
-        ibdata.generate(TINY, "out", workers=1)
+@pytest.fixture
+def with_option():
+    """A function that gives experiments a further option, or another default of it."""
+    fields = Experiment.__pydantic_fields__
+
+    def add(name, kind, default):
+        before.setdefault(name, fields.get(name))
+        fields[name] = FieldInfo(annotation=kind, default=default)
+        Experiment.model_rebuild(force=True)
+
+    before = {}
+    yield add
+    for name, field in before.items():
+        if field is None:
+            del fields[name]
+        else:
+            fields[name] = field
+    Experiment.model_rebuild(force=True)
 
 
-def test_an_unfinished_run_of_an_older_ibdata_goes_on(files, tiny):
-    ibdata.generate(TINY, "out", workers=1, shards="1/2")
-    note = json.loads(read_sealed(run_of("out") / "run.json"))
-    for experiment in note["spec"]["experiments"]:
-        del experiment["licence"]
-        del experiment["output"]["latent"]
-    write(run_of("out"), "run.json", sealed(as_json_of(note)))
-    kept = {path.name for path in Path(".out.part/run/dataset/data").iterdir()}
-    assert len(receipts("out")) == 2
-    ibdata.generate(TINY, "out", workers=1)
-    assert kept <= {path.name for path in Path("out/data").iterdir()}
-    assert files("out") == files(tiny[0].path)
+def made_again():
+    """What a careful user asks for again, by a call each: a dataset, a run, an upload, what `make` keeps."""
+    plain = {key: value for key, value in TINY.plain().items() if key != "licence"}
+    url = f"file://{Path('there').absolute()}"
+    return {
+        "finished": lambda **more: ibdata.generate(plain | more, "finished", workers=1),
+        "begun": lambda shards=None, **more: ibdata.generate(plain | more, "begun", workers=1, shards=shards),
+        "there": lambda **more: ibdata.generate(plain | more, url, workers=1),
+        "waiting": lambda **more: ibdata.generate(plain | more, url.replace("there", "waiting"), workers=1),
+    }
 
 
-def as_json_of(data):
-    return json.dumps(data, indent=2).encode()
+@pytest.fixture
+def four_places(monkeypatch, tmp_path):
+    """A finished dataset, an unfinished run, a dataset at a URL, and one that waits for its upload."""
+    monkeypatch.setenv("IBDATA_CACHE_DIR", str(tmp_path / "cache"))
+    calls = made_again()
+    calls["finished"]()
+    calls["there"]()
+    calls["begun"](shards="1/2")
+
+    def failing(self, source, path):
+        raise OSError("connection lost")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(Remote, "put", failing)
+        with pytest.raises(IbdataError, match="the same command tries again"):
+            calls["waiting"]()
+    return calls
+
+
+def test_a_new_option_with_a_default_changes_nothing_that_is_there(four_places, with_option, capsys):
+    """As CONTRIBUTING.md says that an option is added."""
+    kept = {path.name for path in Path(".begun.part/run/dataset/data").iterdir()}
+    with_option("purpose", str, "research")
+    root = four_places["finished"]().content_root
+    assert capsys.readouterr().err == "ibdata: finished: already there; nothing was written\n"
+    assert ibdata.validate("finished") == []
+    assert ibdata.reproduce("finished")[1] == []
+    Path("finished/meta/dataset.json").unlink()
+    ibdata.repair("finished")
+    assert ibdata.validate("finished") == []
+    for call in four_places.values():
+        assert call().content_root == root
+        with pytest.raises(UsageError, match=r"of another experiment .purpose: found .*, expected 'fun'"):
+            call(purpose="fun")
+    assert kept <= {path.name for path in Path("begun/data").iterdir()}
+
+
+def test_another_default_makes_another_experiment(four_places, with_option):
+    """What older data say is what their default was. None was not recorded: then the data version says it."""
+    with_option("licence", str, "MIT")
+    for name in ("finished", "begun"):
+        with pytest.raises(
+            UsageError, match=r"another experiment .licence: found 'CC-BY-4.0', expected 'MIT'"
+        ):
+            four_places[name]()
+
+
+def test_a_default_that_was_none_needs_a_data_version(four_places, with_option, monkeypatch):
+    with_option("purpose", str, "research")  # instead of None, which an older ibdata did not record
+    monkeypatch.setattr(manifest, "DATA_VERSION", 4)
+    with pytest.raises(UsageError, match=r"^finished: not a dataset .*found data version 3, expected 4"):
+        four_places["finished"]()
+    with pytest.raises(UsageError, match=r"^begun: .*another experiment .data version: found 3, expected 4"):
+        four_places["begun"]()
 
 
 def test_objects_are_compared_by_name():
@@ -117,7 +179,7 @@ def test_objects_are_compared_by_name():
 
     made = ibdata.load({"name": "x", "setpoints": 70, "policies": [Mine()]})
     recorded = json.loads(json.dumps(made.plain()))
-    assert made.means(recorded)
+    assert made.difference(recorded) is None
     recorded["policies"][0]["target"] = "Other"
-    assert not made.means(recorded)
-    assert DatasetSpec.of(made).means(DatasetSpec.of(made).plain())
+    assert made.difference(recorded).startswith("policies.0.target: found 'Other', expected ")
+    assert DatasetSpec.of(made).difference("y", [made.plain()]).startswith("found y of 1 experiment, expect")

@@ -50,7 +50,7 @@ def test_a_run_goes_on_with_its_own_weights_only(learned):
     file = learned.parent / "actor.safetensors"
     file.rename(learned.parent / "moved.safetensors")
     file.write_bytes(networks.weights(seed=1))
-    with pytest.raises(UsageError, match=r"^made: holds an unfinished run of another experiment, 2 of 4"):
+    with pytest.raises(UsageError, match=r"^made: holds an unfinished run of another .*\(policies.*2 of 4"):
         ibdata.generate(learned, "made", shards="1/2", workers=1)
     moved = ["policies.0.file=moved.safetensors", "policies.1.base.file=moved.safetensors"]
     kept = {path.name for path in Path(".made.part/run/dataset/data").iterdir()}

@@ -30,7 +30,7 @@ def test_a_run_goes_on_with_the_same_code_only(here, path, named):
     was = (here / path).read_bytes()
     (here / path).write_bytes(was + b"\n")
     before = sorted(Path(".out.part").rglob("*"))
-    line = f"^out: holds an unfinished run with other code, in {named}, 2 of 4 shards; --overwrite "
+    line = f"^out: holds an unfinished run with other code, in {named}, 2 of 4 shards; remove "
     for options in ({"shards": "1/2"}, {}):
         with pytest.raises(UsageError, match=line):
             generate(**options)

@@ -39,16 +39,26 @@ def without(path):
     return lambda: (dataset(), *(file.unlink() for file in Path("out").glob(path)))
 
 
-REPLACE = "out: holds the dataset of another experiment; --overwrite to replace it"
+SEED = "another experiment (seed: found 1, expected 0)"
+REPLACE = f"out: holds the dataset of {SEED}; --overwrite to replace it, or choose another --out"
+BOTH = f"out: holds the dataset of {SEED}, and an unfinished run {{}} shards; --overwrite to replace both, or"
 FILE = "out: is a file, not a folder; choose another --out"
 FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose another --out"
 DAMAGED = "out: not a dataset of ibdata, left as it is ("
 NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
 LOST = "out/meta/experiment.yaml: missing or not whole, but the dataset is finished; ibdata repair makes"
 HALF = "out/data/part-00001-"
-BITS = "out: holds an unfinished run of a machine that computes other bits, 1 of 4 shards; --overwrite "
-BEGUN = "out: holds an unfinished run of another experiment, 1 of 4 shards; --overwrite "
-NOTED = "out: holds an unfinished run whose note is damaged, 1 of ? shards; --overwrite "
+DROP = "remove .out.part/run to drop it, --overwrite "
+WORDS = {
+    "of other bits": "of a machine that computes other bits, 1 of 4",
+    "another's": f"of {SEED}, 1 of 4",
+    "damaged": "whose note is damaged, or of another ibdata, 1 of ?",
+}
+BEGUN, NOTED = (
+    f"out: holds an unfinished run {WORDS[who]} shards; {DROP}" for who in ("another's", "damaged")
+)
+LIKE = "a machine like the first goes on with it"
+BITS = f"out: holds an unfinished run {WORDS['of other bits']} shards; {LIKE}, {DROP}"
 PARTS = {  # how what is in the part is made
     "none": lambda: None,
     "mine": begun,
@@ -63,7 +73,10 @@ PLACES = {  # how what is at the place is made, and the outcomes with each part
     "nothing": (lambda: None, FREE),
     "an empty folder": (lambda: Path("out").mkdir(), FREE),
     "the dataset": (dataset, ("there",) * 6),
-    "another dataset": (lambda: dataset(OTHER), (REPLACE,) * 6),
+    "another dataset": (
+        lambda: dataset(OTHER),
+        (*(REPLACE,) * 3, BOTH.format(WORDS["another's"]), BOTH.format(WORDS["damaged"]), REPLACE),
+    ),
     "without a shard": (without("data/part-00001-*"), (HALF,) * 2),
     "a file": (lambda: Path("out").write_text("mine"), (FILE,)),
     "a folder": (lambda: (Path("out").mkdir(), Path("out/notes.txt").touch()), (FOREIGN,)),
@@ -89,8 +102,6 @@ CASES = [
     ("another dataset", "mine", {"shards": "1/4"}, REPLACE.replace("to", "without --shards to")),
 ]
 PREVIEWS = {"made": "make it", "dropped": "make it"}
-WORDS = {"of other bits": "of a machine that computes other bits", "another's": "of another experiment"}
-WORDS["damaged"] = "whose note is damaged"
 PREVIEWS |= {"goes on": "go on after 1 finished shard", "there": "open the finished dataset"}
 
 
@@ -139,7 +150,7 @@ def test_each_state_has_one_outcome(states, plain, files, capsys, place, part, o
     ibdata.generate(TINY, "out", workers=1, **options)
     notice = {"there": "" if is_range else "ibdata: out: already there; nothing was written\n"}
     if outcome == "dropped":
-        notice[outcome] = f"ibdata: out: an unfinished run {WORDS[part]} is dropped, with 1 finished shard\n"
+        notice[outcome] = f"ibdata: out: dropped an unfinished run {WORDS[part]} shards\n"
     assert capsys.readouterr().err == notice.get(outcome, "")
     if is_range:
         assert len(receipts("out")) == 1

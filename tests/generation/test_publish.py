@@ -5,6 +5,7 @@ import shutil
 import stat
 from contextlib import suppress
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
@@ -15,7 +16,7 @@ from ibdata._system import part
 from ibdata._system.files import read_sealed, sealed, write
 from ibdata._system.part import locked_part
 from ibdata.cli import main
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError, Interrupted, UsageError
 
 OTHER = TINY.model_copy(update={"seed": 1})
 
@@ -148,6 +149,73 @@ def test_a_dataset_that_was_published_before_a_kill_may_be_moved_away(
     assert not Path(".out.part").exists()
 
 
+def test_a_preview_sees_the_dataset_that_is_to_be_restored(killed):
+    """As the run after it, and a dry run moves nothing."""
+    shutil.rmtree("out")
+    shutil.copytree(killed, ".", dirs_exist_ok=True)
+    assert ibdata.estimate(OTHER, "out")["action"] == "open the finished dataset"
+    with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment .seed: found 1, e"):
+        ibdata.estimate(TINY, "out")
+    assert not Path("out").exists()
+
+
+def test_overwrite_drops_the_run_of_a_third_experiment(files, capsys):
+    third = TINY.model_copy(update={"seed": 3})
+    shutil.rmtree("out")
+    ibdata.generate(third, "out", workers=1, shards="1/4")
+    Path(".out.part").rename("aside")
+    ibdata.generate(OTHER, "out", workers=1)
+    Path("aside").rename(".out.part")
+    with pytest.raises(UsageError) as refused:
+        ibdata.generate(TINY, "out", workers=1)
+    assert str(refused.value) == (
+        "out: holds the dataset of another experiment (seed: found 1, expected 0), and an unfinished run of "
+        "another experiment (seed: found 3, expected 0), 1 of 4 shards; --overwrite to replace both, or "
+        "choose another --out"
+    )
+    replace()
+    dropped = "dropped an unfinished run of another experiment (seed: found 3, expected 0), 1 of 4 shards"
+    assert capsys.readouterr().err == f"ibdata: out: {dropped}\n"
+    assert ibdata.open("out").content_root == ibdata.generate(TINY, "plain", workers=1).content_root
+
+
+@pytest.mark.parametrize("after", [ibdata.finalize, lambda out: ibdata.generate(TINY, out, workers=1)])
+def test_what_was_published_leaves_nothing(monkeypatch, after, capsys):
+    """The command that was killed after it published tidies up when it is repeated."""
+    shutil.rmtree("out")
+    for number in "12":
+        ibdata.generate(TINY, "out", workers=1, shards=f"{number}/2")
+    with monkeypatch.context() as killed, suppress(KeyboardInterrupt):
+        killed.setattr(part.Part, "clear", kill_if_published)
+        after("out")
+    assert Path(".out.part").exists()
+    assert capsys.readouterr().err == ""
+    with suppress(SystemExit):
+        main(["ls", "."])
+    assert "unfinished" not in capsys.readouterr().out
+    after("out")
+    assert not Path(".out.part").exists()
+
+
+def test_a_run_of_a_session_s_object_is_no_unfinished_run(monkeypatch, capsys):
+    """Nobody can go on with it, so nothing says so."""
+
+    class Mine:
+        def predict(self, observations):
+            return observations[:, :3] * 0
+
+    with monkeypatch.context() as stopping:
+        stopping.setattr("ibdata.generation.build.finish", Mock(side_effect=Interrupted(2)))
+        with pytest.raises(Interrupted):
+            ibdata.generate({"name": "x", "setpoints": 70, "steps": 4, "policies": [Mine()]}, "live")
+    assert Path(".live.part/run/receipts").exists()
+    with suppress(SystemExit):
+        main(["ls", "."])
+    assert "unfinished" not in capsys.readouterr().out
+    assert "unfinished" not in ibdata.validate("live")[0].message
+    ibdata.generate(TINY, "live", workers=1)
+
+
 def test_a_run_of_another_version_is_refused(tiny, files, capsys):
     """Whose experiment this version does not read."""
     shutil.rmtree("out")
@@ -159,7 +227,7 @@ def test_a_run_of_another_version_is_refused(tiny, files, capsys):
     assert "unfinished, damaged" in capsys.readouterr().out
     with pytest.raises(DatasetError, match=r"^out: found an unfinished run of another ibdata"):
         ibdata.finalize("out")
-    with pytest.raises(UsageError, match=r"^out: holds an unfinished run of another experiment, 2 of 4"):
+    with pytest.raises(UsageError, match=r"^out: holds an unfinished run of another .*\(policies.*2 of 4"):
         ibdata.generate(TINY, "out", workers=1)
     replace()
     assert is_right("out", tiny[0].path, files)

@@ -1,6 +1,7 @@
 """All shards or an error: what is not whole is never published, and what is finished is gone on with."""
 
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ from helpers.folders import contents, is_right, part_of, receipts, run_of
 
 import ibdata
 from ibdata import IbdataError
+from ibdata._system.files import sealed
+from ibdata.cli import main
 from ibdata.dataset.models import Code
 from ibdata.errors import DatasetError, Interrupted, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -61,6 +64,15 @@ DAMAGE = {
     "cut": lambda data, other: data[:-9],
     "foreign": lambda data, other: other,
 }
+ENTERED = [
+    "run.json",
+    "receipts",
+    "receipts/00001.npy",
+    "dataset",
+    "dataset/data",
+    "dataset/data/part-00001-*",
+]
+ENTERED += ["dataset/meta", "dataset/.DS_Store"]
 FILES = {"run.json": "run.json", "receipt": "receipts/00001.npy", "shard": "dataset/data/part-00001-*"}
 FILES_OF_SHARDS = [FILES["receipt"], FILES["shard"]]
 CASES = [
@@ -92,12 +104,51 @@ def test_a_run_whose_note_is_damaged_is_refused_and_replaced(tiny, files, begun,
     note = run_of("out") / "run.json"
     note.write_bytes(damage(note.read_bytes(), (run_of("other") / "run.json").read_bytes()))
     shutil.rmtree(part_of("other"))
-    line = r"^out: holds an unfinished run (whose note is damaged|of another experiment), 2 of [?4] shards"
+    line = (
+        r"^out: holds an unfinished run (whose note is damaged, or of .*|of another .*\)), 2 of [?4] shards"
+    )
     for options in ({}, {"shards": "1/2"}):
         with pytest.raises(UsageError, match=line):
             ibdata.generate(TINY, "out", workers=1, **options)
     ibdata.generate(TINY, "out", workers=1, overwrite=True)
     assert is_right("out", tiny[0].path, files)
+
+
+NOTES = {
+    "of another form": b'{"data_version": 4, "pieces": 2}',
+    "of no object": b"[]",
+    "too deep": b"[" * 100_000,
+    "of strange numbers": b'{"shards": "many", "manifest": 5, "live": 0}',
+}
+
+
+@pytest.mark.parametrize("note", NOTES.values(), ids=NOTES)
+def test_a_note_of_another_form_is_one_line_for_every_reader(begun, note, capsys):
+    """As a newer ibdata may write it, or somebody forges it."""
+    shutil.copytree(begun, ".", dirs_exist_ok=True)
+    shutil.rmtree(part_of("other"))
+    (run_of("out") / "run.json").write_bytes(sealed(note))
+    lines = {
+        ("info", "out"): "an unfinished run has 2 of ? shards here, and the same command goes on",
+        ("validate", "out"): "an unfinished run has 2 of ? shards here, and the same command goes on",
+        ("ls", "."): ".out.part/run",
+        (
+            "finalize",
+            "out",
+        ): "out: holds an unfinished run whose note is damaged, or of another ibdata; remove",
+        ("repair", "out"): "no finished dataset here",
+    }
+    if b"manifest" in note:
+        lines |= {(name, "out"): "no finished dataset here" for name in ("info", "validate")}
+        lines[("finalize", "out")] = "holds no finished shard"
+        lines[("ls", ".")] = ""
+    for command, line in lines.items():
+        with suppress(SystemExit):
+            main(command)
+        said = "".join(capsys.readouterr())
+        assert line in said
+        assert "bug" not in said
+    ibdata.generate(TINY, "out", workers=1, overwrite=True)
 
 
 @pytest.fixture(scope="module")
@@ -111,20 +162,26 @@ def begun(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", ["run", "run/receipts", "run/dataset", "run/dataset/data"])
+@pytest.mark.parametrize("name", ["old", "run", *(f"run/{path}" for path in ENTERED)])
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_no_link_in_a_part_is_followed(begun, name, overwrite):
-    """Nothing is removed or written where it leads."""
+    """Nothing is removed or written where it leads; a name that is missing is a link to a folder."""
     shutil.copytree(begun, ".", dirs_exist_ok=True)
-    linked = part_of("out") / name
-    linked.rename("elsewhere")
+    linked = next(part_of("out").glob(name), part_of("out") / name)
+    if linked.exists():
+        linked.rename("elsewhere")
+    else:
+        Path("elsewhere").mkdir()
+        Path("elsewhere/thesis.txt").touch()
     linked.symlink_to(Path("elsewhere").absolute())
     before = contents()
     for call in (
         lambda: ibdata.generate(TINY, "out", workers=1, overwrite=overwrite),
         lambda: ibdata.finalize("out"),
     ):
-        with pytest.raises(UsageError, match="found what ibdata did not make, expected nothing; move"):
+        with pytest.raises(
+            UsageError, match=r"what ibdata did not make, expected nothing; |not a dataset of"
+        ):
             call()
     assert contents() == before
 
@@ -156,8 +213,8 @@ def test_a_run_goes_on_with_the_same_code_only():
     hashes = ({"helper.py": letter * 64} for letter in "ab")
     codes = (Code(target="mine:Own", version=None, sha256="c" * 64, files=each) for each in hashes)
     one, other = (Record.of(DatasetSpec.of(TINY), code=[code], reproducible=True) for code in codes)
-    assert one.difference(one) is None
-    assert one.difference(other) == "with other code, in helper.py"
+    assert one.difference(DatasetSpec.of(TINY), one) is None
+    assert one.difference(DatasetSpec.of(TINY), other) == "with other code, in helper.py"
 
 
 @pytest.fixture(autouse=True)

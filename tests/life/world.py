@@ -134,7 +134,7 @@ class World:
     ) -> tuple[bool, Run | None]:
         """Whether a part is beside a place now, and the unfinished run in it, which `ibdata ls` shows."""
         folder, was = self.home / f".{out}.part", self.places[out].run
-        run = self.unfinished(folder / "run", made, was)
+        run = self.unfinished(folder / "run")
         is_new = made is not None and after.holds == made[0]
         kept = was is None or (run is not None and run.made == was.made and run.done >= was.done)
         dropped = overwrite and was is not None and was.made != made
@@ -148,12 +148,12 @@ class World:
             assert listed.code == 0, listed
             states = [
                 each["state"] for each in json.loads(listed.output)["datasets"]
-                if each["path"] == str(self.home / out) and each["state"].startswith("unfinished")
+                if each["path"] == str(folder / "run")
             ]  # fmt: skip
             assert states == [f"unfinished, {run.done} of {run.shards} shards"], "ls"
         return folder.exists(), run
 
-    def unfinished(self, folder: Path, made: Made | None, was: Run | None) -> Run | None:
+    def unfinished(self, folder: Path) -> Run | None:
         """The run in a folder, if it has shards and is not published."""
         try:
             note = json.loads((folder / "run.json").read_bytes()[:-32])
@@ -167,11 +167,10 @@ class World:
             done = done if (folder / "dataset").exists() else 0
         if not done:
             return None
-        name = "AB"[note["spec"]["experiments"][0]["seed"]]
-        whose: Made | None = (name, name, frozenset())
-        if note.get("sources") is not None:
-            whose = made if made is not None and made[1] is None else was and was.made
-        assert whose is not None, "whose run?"
+        experiments = note["spec"]["experiments"]
+        holds = "".join("AB"[experiment["seed"]] for experiment in experiments)
+        splits = frozenset(name for experiment in experiments for name in experiment["splits"])
+        whose: Made = (holds, holds if note.get("sources") is None else None, splits)
         return Run(whose, done, note["shards"])
 
     def read(self, readers: Readers, wanted: set[str | None], place: Place, must: bool = False) -> None:
