@@ -67,7 +67,8 @@ def _remedy(files: Storage) -> str:
         with suppress(OSError):  # not ours to read, or no name that the system knows
             if is_unfinished(part):
                 done, shards = progress(part)
-                return f"; an unfinished run has {done} of {shards} shards here, and the same command goes on"
+                goes_on = ", and the same command goes on" if isinstance(shards, int) else ""
+                return f"; an unfinished run has {done} of {shards} shards here{goes_on}"
     for place in (below, *folder.parents):
         if os.path.isfile(local(place) / PATH):
             return f"; did you mean {str(place)!r}?"

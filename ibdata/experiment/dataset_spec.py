@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from ibdata._numerics.naming import counted
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, printable
@@ -100,13 +99,11 @@ class DatasetSpec:
 
     def difference(self, name: str, recorded: Sequence[Any]) -> str | None:
         """The first option that differs in a name and plain experiments; None if these mean the same."""
-        if (name, len(recorded)) != (self.name, len(self.experiments)):
-            found, expected = (
-                f"{n} of {counted(count, 'experiment')}"
-                for n, count in ((name, len(recorded)), (self.name, len(self.experiments)))
-            )
-            return f"found {found}, expected {expected}"
-        return next(filter(None, map(Experiment.difference, self.experiments, recorded)), None)
+        if len(recorded) != len(self.experiments):
+            return f"experiments: found {len(recorded)}, expected {len(self.experiments)}"
+        differences = filter(None, map(Experiment.difference, self.experiments, recorded))
+        other_name = None if name == self.name else f"name: found {name!r}, expected {self.name!r}"
+        return next(differences, other_name)
 
     @cached_property
     def shards(self) -> list[Shard]:

@@ -182,4 +182,6 @@ def test_objects_are_compared_by_name():
     assert made.difference(recorded) is None
     recorded["policies"][0]["target"] = "Other"
     assert made.difference(recorded).startswith("policies.0.target: found 'Other', expected ")
-    assert DatasetSpec.of(made).difference("y", [made.plain()]).startswith("found y of 1 experiment, expect")
+    made_of = DatasetSpec.of(made)
+    assert made_of.difference("y", [made.plain()]) == "name: found 'y', expected 'x'"
+    assert made_of.difference("x", [made.plain()] * 2) == "experiments: found 2, expected 1"

@@ -129,8 +129,8 @@ def test_a_note_of_another_form_is_one_line_for_every_reader(begun, note, capsys
     shutil.rmtree(part_of("other"))
     (run_of("out") / "run.json").write_bytes(sealed(note))
     lines = {
-        ("info", "out"): "an unfinished run has 2 of ? shards here, and the same command goes on",
-        ("validate", "out"): "an unfinished run has 2 of ? shards here, and the same command goes on",
+        ("info", "out"): "an unfinished run has 2 of ? shards here\n",
+        ("validate", "out"): "an unfinished run has 2 of ? shards here\n",
         ("ls", "."): ".out.part/run",
         (
             "finalize",
