@@ -82,8 +82,17 @@ class Part:
         """The receipts of what is finished in it."""
         return existing_paths(self.run / RECEIPTS)
 
-    def foreign(self) -> Path | None:
-        """What ibdata did not make: the part if its lock is missing, or what is no folder or file in it.
+    def refuse_foreign(self) -> None:
+        """Raise UsageError if there is something in the part that this ibdata did not make."""
+        if foreign := self._foreign():
+            raise UsageError(f"{foreign}: found what ibdata did not make, expected nothing; move it away")
+        if any(OLDER.fullmatch(path.name) for path in existing_paths(self.folder)):
+            raise UsageError(
+                f"{self.folder}: found an unfinished run of an older ibdata; finish it with that, or remove it"
+            )
+
+    def _foreign(self) -> Path | None:
+        """The part if its lock is missing, or what is no folder or file in it.
 
         Files elsewhere would be removed through a link. What is only removed may have links in it.
         """
@@ -220,12 +229,7 @@ def locked_part(
 
 
 def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float) -> Lock:
-    if foreign := part.foreign():
-        raise UsageError(f"{foreign}: found what ibdata did not make, expected nothing; move it away")
-    if any(OLDER.fullmatch(path.name) for path in existing_paths(part.folder)):
-        raise UsageError(
-            f"{part.folder}: found an unfinished run of an older ibdata; finish it with that, or remove it"
-        )
+    part.refuse_foreign()
     wait = PATIENCE if shared else patience
     return stack.enter_context(locked(part.folder / LOCK, wait, shared=shared, place=name))
 

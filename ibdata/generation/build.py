@@ -70,9 +70,10 @@ class Build:
     def begun(cls, place: str | os.PathLike[str]) -> tuple[Build, Record] | None:
         """The unfinished run at a place, and its record; None if there is none.
 
-        Raises DatasetError if another ibdata began it.
+        Raises UsageError or DatasetError if another ibdata began it.
         """
         part = Part(resolved(place))
+        part.refuse_foreign()
         record = Record.read(part.run)
         if record.live if record else not manifest.is_unfinished(part):
             return None

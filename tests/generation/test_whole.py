@@ -195,7 +195,8 @@ def test_finalize_refuses_a_run_of_another_data_version(begun, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["run.json", "0123456789abcdef"])
-def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line(name):
+@pytest.mark.parametrize("call", [lambda out: ibdata.generate(TINY, out, workers=1), ibdata.finalize])
+def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line(name, call):
     """Its files lay directly in the part, or in a folder with the name of a hash."""
     part_of("out").mkdir()
     for path in ("ibdata.lock", name):
@@ -204,7 +205,7 @@ def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line(name):
     with pytest.raises(
         UsageError, match=r"^\S*\.out\.part: found an unfinished run of an older ibdata; finish"
     ):
-        ibdata.generate(TINY, "out", workers=1)
+        call("out")
     assert contents() == before
 
 
