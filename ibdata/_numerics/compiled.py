@@ -4,9 +4,13 @@ numba only compares a function's own file, so it misses changes in the functions
 the names of the files hold a hash of the module of the function and of those that it imports, without lines
 and comments, so that outdated code is never found. Copies of ibdata in other folders share the machine code.
 
-This relies on three details of numba: that its classes of caches take a locator, that the compiler calls
+This relies on details of numba: that its classes of caches take a locator, that the compiler calls
 `load_overload` before it compiles and `save_overload` afterwards, and that kept machine code needs numba's
 runtime only, so that `_load_overload` does without the compiler's imports, which take 0.1 s.
+
+numba would also read `.numba_config.yaml` in the current folder, when it is imported and before it compiles.
+The file may be somebody else's and name the folder from which machine code is loaded, so ibdata lets numba
+find no such file.
 """
 
 from __future__ import annotations
@@ -22,12 +26,18 @@ from pathlib import Path
 from types import CodeType
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
-from numba.core.runtime.nrt import rtsys
-
 from ibdata._system.cache_folders import cache_folders
+from ibdata._system.imports import without_file
 from ibdata.errors import notice
+
+with without_file(".numba_config.yaml"):
+    import numba
+    from numba.core import config
+    from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
+    from numba.core.runtime.nrt import rtsys
+
+config._config_fname = ""  # for all later compilations
+config.reload_config()  # changes something only if numba was imported before, and read the file
 
 
 class Announcement:
@@ -115,12 +125,9 @@ def _cache_in(folder: str) -> type[FunctionCache]:
     """numba's cache in a folder."""
 
     class Locator(_CacheLocator):
-        def __init__(self, function: Callable[..., object], file: str) -> None:
-            self._module, self._py_file = function.__module__, file  # the latter for a warning of numba's
-
-        @classmethod
-        def from_function(cls, py_func: Callable[..., object], py_file: str) -> Locator:
-            return cls(py_func, py_file)
+        def __init__(self, function: Callable[..., object]) -> None:
+            self._module = function.__module__
+            self._py_file = function.__code__.co_filename  # for a warning of numba's
 
         def get_cache_path(self) -> str:
             return os.path.join(folder, "numba")
@@ -132,7 +139,11 @@ def _cache_in(folder: str) -> type[FunctionCache]:
             return _hash(self._module)[:16]
 
     class Impl(CompileResultCacheImpl):
-        _locator_classes = [Locator]  # noqa: RUF012  # declared like this in numba's base class
+        def __init__(self, function: Callable[..., object]) -> None:
+            """As numba's, which would look for the locators of NUMBA_CACHE_LOCATOR_CLASSES first."""
+            self._lineno = function.__code__.co_firstlineno
+            self._locator = Locator(function)
+            self._filename_base = self.get_filename_base(function.__qualname__, getattr(sys, "abiflags", ""))
 
     class InFolder(FunctionCache):
         _impl_class = Impl

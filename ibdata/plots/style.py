@@ -5,16 +5,20 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ibdata.errors import missing
+from ibdata._system import processes
+from ibdata._system.imports import without_file
+from ibdata.errors import IbdataError, missing
 
 try:
-    import matplotlib
+    # In a session, matplotlib is the user's too.
+    with without_file("matplotlibrc") if processes.purpose != "session" else nullcontext():
+        import matplotlib
     from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LinearSegmentedColormap
@@ -22,6 +26,8 @@ try:
     from matplotlib.ticker import NullFormatter
 except ModuleNotFoundError:
     raise missing("ibdata.plots", "matplotlib", "plot") from None
+except Exception as error:  # whatever a user's own matplotlibrc leads to
+    raise IbdataError(f"matplotlib: cannot be imported: {error}; correct your matplotlibrc") from None
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish; lines also differ in style.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -47,6 +53,7 @@ SETTINGS: Any = {
 }
 WIDTH = 4.8  # of a picture of a dataset, in inches
 GREYS = LinearSegmentedColormap.from_list("greys", ["0.82", "0.1"])  # also the lightest differs from white
+BLUES = matplotlib.colormaps["Blues"].resampled(256)  # a user's setting `image.lut` may have made it coarse
 DPI = 150
 DATASET_DPI = 200  # smaller pictures, which the report enlarges
 FRAME_DPI = 100

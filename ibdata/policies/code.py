@@ -8,6 +8,7 @@ from __future__ import annotations
 import atexit
 import filecmp
 import hashlib
+import os
 import shutil
 import sys
 import sysconfig
@@ -86,9 +87,11 @@ def imported(module: str, file: Path | None) -> ModuleType:
     if not processes.known_before:
         processes.known_before.update(sys.modules)
         if processes.purpose == "command":  # numba compiles anew, as in a worker: its cache misses some edits
-            folder = tempfile.mkdtemp(prefix="ibdata-")
-            numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]  # set by numba when it is loaded
+            folder = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="ibdata-")
             atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        if processes.purpose != "session":
+            os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)  # which may prefer another cache
+            numba.config.reload_config()  # type: ignore[no-untyped-call]
     return import_module(module) if file is None else _module_of(file)
 
 

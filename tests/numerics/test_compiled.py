@@ -64,6 +64,36 @@ def test_a_second_process_and_a_clone_compile_nothing(code, copy):
     assert run(package=copy, IBDATA_CACHE_DIR=code) == ("60.0", False)
 
 
+def test_other_places_for_machine_code_are_ignored(code, tmp_path):
+    """A user's caches of numba would find outdated code; what else a user sets has its effect."""
+    assert run(IBDATA_CACHE_DIR=code, NUMBA_CACHE_LOCATOR_CLASSES="absent.Locator") == ("60.0", False)
+    theirs = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator", "NUMBA_CACHE_DIR": tmp_path / "b"}
+    assert run(IBDATA_CACHE_DIR=code, **theirs) == ("60.0", False)
+    assert run(IBDATA_CACHE_DIR=code, NUMBA_CPU_NAME="nocona") == ("60.0", True)
+    assert run(IBDATA_CACHE_DIR=tmp_path / "a", NUMBA_DISABLE_JIT="1") == ("60.0", False)
+    assert not (tmp_path / "a/numba").exists()
+
+
+@pytest.mark.parametrize("first", ["ibdata", "numba"])
+def test_numba_reads_no_configuration_in_the_current_folder(first, tmp_path):
+    """Neither when it is imported nor when it compiles; what it read before ibdata came has no effect."""
+    script = f"""
+import os, sys
+os.makedirs({str(tmp_path / "cwd")!r}), os.chdir({str(tmp_path / "cwd")!r})
+sys.modules["yaml"] = yaml = type(sys)("yaml")  # numba reads no file without it
+yaml.reads, yaml.safe_load = [], lambda file: yaml.reads.append(1) or {{"opt": "0", "boundscheck": 1}}
+open(".numba_config.yaml", "w").close()
+import {first}
+before = len(yaml.reads)
+{TURN}
+import numba
+print(before, len(yaml.reads) - before, int(numba.config.OPT), numba.config.BOUNDSCHECK)
+"""
+    said, compiled = run(script, IBDATA_CACHE_DIR=tmp_path / "code")
+    assert compiled
+    assert said.splitlines() == ["60.0", f"{int(first == 'numba')} 0 3 None"]
+
+
 def test_other_code_is_compiled(code, copy):
     """Code that was changed in its own module runs as it is now."""
     changed(copy, FILE, "100.0", "55.0")
