@@ -44,8 +44,8 @@ def act(observations):
 COMMANDS = """
 config validate x.yaml
 generate --config x.yaml --out x
-generate --config x.yaml --out y --workers 1 --shards 1/2
-generate --config x.yaml --out y --workers 1 --shards 2/2
+generate --config x.yaml --out y --seed 1 --shards 1/2
+generate --config x.yaml --out y --seed 1 --shards 2/2
 finalize y
 info x
 head x
