@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -13,17 +14,7 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from ibdata._numerics.naming import counted
 from ibdata.plots.episode import VARIABLES, draw_episode
-from ibdata.plots.style import (
-    BLUES,
-    GREYS,
-    SERIES,
-    WIDTH,
-    Floats,
-    Numbers,
-    count_bar,
-    count_image,
-    legend_above,
-)
+from ibdata.plots.style import GREYS, SERIES, WIDTH, Floats, Numbers, count_bar, count_image, legend_above
 from ibdata.plots.summary import ACTION_EDGES, COSTS, PAIRS, STEERINGS, Summary
 from ibdata.views.options import ACTIONS
 
@@ -164,7 +155,8 @@ def draw_splits(figure: Figure, summary: Summary) -> None:
 
 def _count(axes: Axes, numbers: Numbers, columns: list[str], rows: list[str]) -> None:
     """Write numbers into squares that are the darker the larger they are; 0 is an empty square."""
-    axes.imshow(np.log1p(numbers), cmap=BLUES, vmin=0, vmax=2 * np.log1p(numbers.max()), aspect="auto")
+    blues = colormaps["Blues"].resampled(256)  # a user's setting `image.lut` may have made it coarse
+    axes.imshow(np.log1p(numbers), cmap=blues, vmin=0, vmax=2 * np.log1p(numbers.max()), aspect="auto")
     for i, j in np.argwhere(numbers):
         axes.text(j, i, f"{numbers[i, j]:,}", ha="center", va="center", fontsize=9)
     axes.set_xticks(range(len(columns)), columns, rotation=40, ha="right", rotation_mode="anchor")

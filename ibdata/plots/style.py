@@ -53,7 +53,6 @@ SETTINGS: Any = {
 }
 WIDTH = 4.8  # of a picture of a dataset, in inches
 GREYS = LinearSegmentedColormap.from_list("greys", ["0.82", "0.1"])  # also the lightest differs from white
-BLUES = matplotlib.colormaps["Blues"].resampled(256)  # a user's setting `image.lut` may have made it coarse
 DPI = 150
 DATASET_DPI = 200  # smaller pictures, which the report enlarges
 FRAME_DPI = 100
