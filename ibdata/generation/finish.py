@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -135,6 +134,8 @@ def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry]) -> by
 
 def versions() -> dict[str, str]:
     """The versions on which the bytes of the files may depend, but not the content."""
+    import numba  # not earlier, because `_numerics.compiled` keeps it from reading a foreign file
+
     return {
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",

@@ -21,8 +21,6 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-import numba
-
 from ibdata._system import processes
 from ibdata.errors import UsageError, printable
 
@@ -91,6 +89,8 @@ def imported(module: str, file: Path | None) -> ModuleType:
             atexit.register(shutil.rmtree, folder, ignore_errors=True)
         if processes.purpose != "session":
             os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)  # which may prefer another cache
+            import numba  # not earlier, because `_numerics.compiled` keeps it from reading a foreign file
+
             numba.config.reload_config()  # type: ignore[no-untyped-call]
     return import_module(module) if file is None else _module_of(file)
 
