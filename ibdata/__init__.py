@@ -21,6 +21,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from ibdata._system.signals import load as _load
 from ibdata.version import __version__ as __version__
 
 if TYPE_CHECKING:  # for type checkers and editors
@@ -90,7 +91,9 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(
             f"module 'ibdata' has no attribute {name!r}", name=name, obj=sys.modules[__name__]
         )
-    return getattr(import_module(f"ibdata.{_MODULES[name]}"), "Dataset" if name == "open" else name)
+    module = f"ibdata.{_MODULES[name]}"
+    _load(module)
+    return getattr(sys.modules[module], "Dataset" if name == "open" else name)
 
 
 def __dir__() -> list[str]:

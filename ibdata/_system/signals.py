@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from types import FrameType
 
 from ibdata.errors import Interrupted
@@ -91,3 +93,15 @@ def stoppable() -> Iterator[None]:
         _arrived.clear()
         for number, handler in before.items():
             signal.signal(number, handler if handler is not None else signal.SIG_DFL)
+
+
+def load(*modules: str) -> None:
+    """Import modules, and let signals wait until that is done, in the main thread.
+
+    A module whose import was interrupted stays half imported, and Arrow, which imports pandas from C++, loses
+    the interruption.
+    """
+    if not sys.modules.keys() >= {*modules}:
+        with stoppable(), held():
+            for name in modules:
+                import_module(name)
