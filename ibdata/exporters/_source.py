@@ -20,7 +20,7 @@ from ibdata.dataset.digest import identity
 from ibdata.dataset.episodes import BLOCK_ROWS, refuse_empty
 from ibdata.dataset.transitions import arrays_of, left_out, needed, whole_episodes
 from ibdata.errors import UsageError
-from ibdata.views.options import ACTIONS, PLAIN, ViewOptions
+from ibdata.views.options import PLAIN, ViewOptions
 
 Array = npt.NDArray[Any]
 Arrays = dict[str, Array]
@@ -80,13 +80,6 @@ class Source:
         self.episodes = len(self.lengths)
         self.rows = int(self.lengths.sum())  # transitions
         self.left_out = int(self.table["length"].sum()) - self.rows  # their next frames are not known
-
-    @property
-    def bytes(self) -> int:
-        """The size of the arrays of all blocks."""
-        floats = 2 * len(self.frame) * self.history + len(ACTIONS) + 1 + len(self.beside) + len(self.clean)
-        floats += self.options.cost is not None
-        return self.rows * (4 * floats + 8 + 4 + 1 + 1)
 
     @property
     def setpoints(self) -> list[float]:

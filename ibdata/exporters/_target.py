@@ -1,24 +1,17 @@
-"""Files of an export: written in a hidden part beside the target, which gets its name when it is complete.
-
-What HDF5 writes is read back, for it crashes when a write fails, or goes on.
-"""
+"""Files of an export: written in a hidden part beside the target, which gets its name when it is complete."""
 
 from __future__ import annotations
 
-import errno
 import gzip
+import io
 import json
 import os
 import zipfile
-import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from ibdata._system import files, signals
 from ibdata._system.part import locked_part, resolved
@@ -27,9 +20,6 @@ from ibdata.errors import IbdataError, UsageError, missing
 
 HEAD = 8  # bytes
 CSV = b'"episode","step"'
-ROWS = 100_000  # that are read back at a time
-
-Sums = dict[str, int]  # CRC-32 of the values of each dataset in an HDF5 file, by its path in it
 
 
 @contextmanager
@@ -129,42 +119,45 @@ def is_export(path: Path) -> bool:
         return False
 
 
-def reserve(path: Path, size: int) -> None:
-    """Raise OSError unless there is room for this number of bytes.
+class HDF5(io.FileIO):
+    """A new file for HDF5, which does not learn of a write that fails: it would end the process, or go on."""
 
-    When a write fails, HDF5 ends the process with a segmentation fault (h5py 3.16), without a message.
-    """
-    with path.open("xb") as file:
-        files.reserve(file, size)
-    path.unlink()
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "w+")
+        self._error: OSError | None = None
 
+    def write(self, data: Any) -> int:
+        """Write all data, unless a write has failed before."""
+        view = memoryview(data).cast("B")
+        try:
+            while view and self._error is None:
+                view = view[super().write(view) :]
+        except OSError as error:
+            self._error = error
+        return len(data)
 
-def add(sums: Sums, name: str, values: npt.NDArray[Any]) -> None:
-    """Count values that are written to the end of a dataset."""
-    sums[name] = zlib.crc32(np.ascontiguousarray(values).data, sums.get(name, 0))
+    def truncate(self, size: int | None = None) -> int:
+        """Set the size of the file, unless a write has failed before."""
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self._error = self._error or error
+            return size or 0
+
+    def check(self) -> None:
+        """Raise the error of the first write that failed."""
+        if self._error is not None:
+            raise self._error
 
 
 @contextmanager
-def read_back(path: Path) -> Iterator[Sums]:
-    """Yield the sums that the block fills. Raises OSError if the file then holds other values."""
-    written: Sums = {}
-    try:
-        yield written
-        whole = _found(path, written) == written
-    except (KeyError, RuntimeError):  # whatever h5py raises for what the system refused
-        whole = False
-    if not whole:
-        raise OSError(errno.EIO, "HDF5 has lost what it wrote")
-
-
-def _found(path: Path, names: Sums) -> Sums:
+def hdf5_file(path: Path, **options: Any) -> Iterator[tuple[Any, Callable[[], None]]]:
+    """A new HDF5 file, and a function that raises OSError if a write to it has failed; so does the end."""
     import h5py
 
-    found: Sums = {}
-    with h5py.File(path) as file:
-        for name in names:
-            data = file[name]
-            places = [slice(i, i + ROWS) for i in range(0, len(data), ROWS)] if data.shape else [()]
-            for place in places:
-                add(found, name, data[place])
-    return found
+    with HDF5(path) as raw:
+        try:
+            with h5py.File(raw, "w", **options) as file:
+                yield file, raw.check
+        finally:
+            raw.check()  # also where h5py meets what was not written

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from ibdata.exporters._source import Arrays, Block, Source
-from ibdata.exporters._target import add, library, read_back, reserve
+from ibdata.exporters._target import hdf5_file, library
 
 VERSION = "2.1"  # of d3rlpy's file format
-OVERHEAD = 4096  # bytes per episode; 1.6 kB was measured
 PADDING = 0.5  # of the appended row's action
 KEYS = ("observations", "actions", "rewards", "terminated")
 
@@ -37,9 +36,8 @@ def episode(block: Block) -> Arrays:
 
 def export(source: Source, path: Path, target: Path) -> str:
     """Write the file."""
-    h5py = library("h5py", "d3rlpy", "hdf5")
-    reserve(path, source.bytes + OVERHEAD * (source.episodes + 1))
-    with read_back(path) as sums, h5py.File(path, "x") as file:
+    library("h5py", "d3rlpy", "hdf5")
+    with hdf5_file(path) as (file, check):
         file.create_dataset("columns", data=list(KEYS))
         file.create_dataset("num_episodes", data=source.episodes)
         file.create_dataset("version", data=VERSION)
@@ -47,7 +45,7 @@ def export(source: Source, path: Path, target: Path) -> str:
         for number, block in enumerate(source.episode_blocks()):
             for key, array in episode(block).items():
                 file.create_dataset(f"{key}_{number}", data=array)
-                add(sums, f"{key}_{number}", array)
+            check()
     return f"""\
 from d3rlpy.dataset import InfiniteBuffer, ReplayBuffer
 

@@ -10,19 +10,17 @@ import json
 from pathlib import Path
 
 from ibdata.exporters._source import Source, d4rl_arrays
-from ibdata.exporters._target import add, library, read_back, reserve
+from ibdata.exporters._target import hdf5_file, library
 from ibdata.version import __version__
 
 COSTS = True  # it has a place for them
 CHUNK_ROWS = 4096
-OVERHEAD = 2**20  # bytes per file; 0.37 MB was measured
 
 
 def export(source: Source, path: Path, target: Path) -> str:
     """Write the HDF5 file."""
-    h5py = library("h5py", "d4rl", "hdf5")
-    reserve(path, source.bytes + OVERHEAD)
-    with read_back(path) as sums, h5py.File(path, "x") as file:
+    library("h5py", "d4rl", "hdf5")
+    with hdf5_file(path) as (file, check):
         file.attrs["ibdata_version"] = __version__
         file.attrs["name"] = source.info.name
         file.attrs["content_root"] = source.selection.content_root
@@ -38,7 +36,7 @@ def export(source: Source, path: Path, target: Path) -> str:
                     shape = (source.rows, *array.shape[1:])
                     file.create_dataset(name, shape, array.dtype, chunks=chunks)
                 file[name][start:stop] = array
-                add(sums, name, array)
+            check()
             start = stop
     return f"""\
 import h5py

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from ibdata.dataset.reference_returns import scale_of
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.exporters._source import Arrays, Block, Source
-from ibdata.exporters._target import Sums, add, library, read_back, reserve
+from ibdata.exporters._target import hdf5_file, library
 from ibdata.version import __version__
 from ibdata.views.options import ACTIONS, bounds_of
 
@@ -32,7 +31,6 @@ ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
 ENTRY_POINT = "ibdata.environment:IndustrialBenchmarkEnv"  # text: Minari cannot store a class
 
 FILE = "main_data.hdf5"
-OVERHEAD = 100_000  # bytes per episode, for its chunks; 55 to 75 kB were measured
 
 
 def place(source: Source, out: Path, id: str | None = None) -> Path:
@@ -65,22 +63,30 @@ def episode(block: Block) -> dict[str, Any]:
 
 
 def export(source: Source, path: Path, target: Path, id: str | None = None) -> str:
-    """Write the dataset with Minari."""
+    """Write the dataset: the metadata with Minari, and the episodes as it does."""
     library("minari", "minari", "minari")
     library("h5py", "minari", "minari")
     library("PIL", "minari", "minari", "pillow")  # Minari imports it, but does not require it
-    from minari.data_collector import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
 
     name = _id(source, id)
     path.mkdir()
-    reserve(path / "room", source.bytes + OVERHEAD * (source.episodes + 1))
     data = path.absolute() / "data"  # Minari fails at relative paths when it adds up sizes
     observations, actions = _spaces(source)
     storage = MinariStorage.new(data, observations, actions, _environment(source), data_format="hdf5")
     storage.update_metadata({**_metadata(source, name), **_references(source)})
-    with read_back(data / FILE) as sums:
-        storage.update_episodes(EpisodeBuffer(**arrays) for arrays in _episodes(source, sums))
+    with hdf5_file(data / FILE, track_order=True) as (file, check):
+        for number, block in enumerate(source.episode_blocks()):
+            group = file.create_group(f"episode_{number}")
+            group.attrs["id"], group.attrs["total_steps"] = number, len(block.rewards)
+            _fill(group, episode(block))
+            check()
+    sizes = {
+        "total_steps": source.rows,
+        "total_episodes": source.episodes,
+        "dataset_size": storage.get_size(),
+    }
+    storage.update_metadata(sizes)
     root = target.parents[len(Path(name).parts) - 1]
     return f"""\
 import os
@@ -92,15 +98,13 @@ dataset = minari.load_dataset({name!r})
 """
 
 
-def _episodes(source: Source, sums: Sums) -> Iterator[dict[str, Any]]:
-    """The arrays of each episode, and their sums by the paths that Minari gives them."""
-    for number, block in enumerate(source.episode_blocks()):
-        arrays = episode(block)
-        infos = {f"infos/{name}": values for name, values in arrays["infos"].items()}
-        for name, values in {**arrays, **infos}.items():
-            if name != "infos":
-                add(sums, f"episode_{number}/{name}", values)
-        yield arrays
+def _fill(group: Any, arrays: dict[str, Any]) -> None:
+    """Write the arrays of an episode as Minari's own storage does."""
+    for name, values in arrays.items():
+        if isinstance(values, dict):
+            _fill(group.create_group(name), values)
+        else:
+            group.create_dataset(name, data=values, chunks=True, maxshape=(None, *values.shape[1:]))
 
 
 def _id(source: Source, id: str | None) -> str:

@@ -2,12 +2,12 @@
 
 import io
 import os
+import resource
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
 from unittest.mock import Mock
 
-import h5py
 import pytest
 from exporters.reading import holds, one_setpoint
 from helpers import python
@@ -86,20 +86,21 @@ def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, mo
     holds(made, dataset, split, made.history)
 
 
-@pytest.mark.parametrize("to", ["d3rlpy", "d4rl"])
-def test_what_hdf5_loses_is_an_error(dataset, tmp_path, to, monkeypatch):
-    """It closes a file without a word after a write that the system refused."""
-    close = h5py.File.__exit__
-
-    def losing(file, *args):
-        if file.mode == "r+":
-            file["rewards_11" if to == "d3rlpy" else "rewards"][-1] = 1.0
-        close(file, *args)
-
-    monkeypatch.setattr(h5py.File, "__exit__", losing)
-    with pytest.raises(IbdataError, match="made: cannot be written: HDF5 has lost what it wrote"):
-        ibdata.export(dataset, to, tmp_path / "made")
-    assert list(tmp_path.iterdir()) == []
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 0.9])
+def test_a_write_that_fails_is_one_line(dataset, tmp_path, to, share):
+    """HDF5 would end the process with a segmentation fault, or close the file without a word."""
+    ibdata.export(dataset, to, tmp_path / "whole", split=one_setpoint(to))
+    largest = max(
+        path.stat().st_size for path in [tmp_path / "whole", *tmp_path.rglob("*")] if path.is_file()
+    )
+    before, limits = files(tmp_path), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * largest), limits[1]))
+    try:
+        with pytest.raises(IbdataError, match=r"cannot be written: .*File too large"):
+            ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert files(tmp_path) == before
 
 
 def test_only_an_export_is_replaced(dataset, tmp_path):
