@@ -21,7 +21,7 @@ from typing import Any
 
 from ibdata._system.files import part_of, paths_in, read_sealed, remove, rename, sync_folder
 from ibdata._system.lock import Lock, locked
-from ibdata._system.signals import stoppable
+from ibdata._system.signals import ignore, stoppable
 from ibdata.errors import IbdataError, UsageError, is_thread_limit, notice
 
 LOCK, RUN, OLD = "ibdata.lock", "run", "old"  # in a part
@@ -109,6 +109,7 @@ class Part:
 
         A file or folder that is replaced changes places with the new one in one system call, if there is one.
         """
+        ignore()  # what is published is finished, and not stopped
         is_folder = self.target.is_dir()
         is_taken = self.target.is_file() or (is_folder and any(self.target.iterdir()))
         is_littered = is_folder and not existing_paths(self.target)  # with what macOS leaves
@@ -232,6 +233,14 @@ def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float
     part.refuse_foreign()
     wait = PATIENCE if shared else patience
     return stack.enter_context(locked(part.folder / LOCK, wait, shared=shared, place=name))
+
+
+def tidy(place: Path) -> None:
+    """Remove what a process that was killed has left beside a place, unless somebody is at work there."""
+    target = resolved(place)
+    if os.path.lexists(part_of(target)):
+        with suppress(IbdataError), locked_part(target):
+            pass  # the end of the block clears the part
 
 
 @contextmanager
