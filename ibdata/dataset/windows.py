@@ -14,7 +14,7 @@ import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ibdata._system import files
-from ibdata._system.part import locked_part, resolved
+from ibdata._system.part import locked_part, resolved, tidy
 from ibdata.dataset.manifest import refuse_inside
 from ibdata.dataset.transitions import Transitions
 from ibdata.errors import UsageError
@@ -91,6 +91,7 @@ def in_folder(source: WindowFolder, blocks: Iterable[Transitions]) -> WindowData
     Raises UsageError if the folder holds anything else.
     """
     folder, description, sizes = source
+    tidy(folder)
     if not os.path.exists(folder):  # a name may be too long to be looked for
         refuse_inside(folder)
         target = resolved(folder)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ibdata._system import files, signals
-from ibdata._system.part import locked_part, resolved
+from ibdata._system.part import locked_part, resolved, tidy
 from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError, missing
 
@@ -31,6 +31,7 @@ def whole(target: Path, overwrite: bool = False) -> Iterator[Path]:
         BusyError: Another process exports to this target.
         IbdataError: The system refuses to write.
     """
+    tidy(target)
     _refuse(target, overwrite)
     place = resolved(target)
     with locked_part(place, target) as part:

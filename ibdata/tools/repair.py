@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ibdata._numerics.arguments import public
 from ibdata._system.files import FileEntry, keep_access, remove, rename, sync_folder, write
-from ibdata._system.part import DATASET, locked_part, resolved
+from ibdata._system.part import DATASET, locked_part, resolved, tidy
 from ibdata._system.progress import Progress
 from ibdata._system.signals import check
 from ibdata._system.storage import local
@@ -54,6 +54,7 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     """
     refuse_workers(workers)
     place = local(folder)
+    tidy(place)
     stored = _stored(place)
     for problem in unlisted_files(stored):
         raise UsageError(f"{place / problem.path}: {problem.message}, then repair")
