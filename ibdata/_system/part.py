@@ -14,7 +14,7 @@ import os
 import re
 import secrets
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -87,9 +87,8 @@ class Part:
         if foreign := self._foreign():
             raise UsageError(f"{foreign}: found what ibdata did not make, expected nothing; move it away")
         if any(OLDER.fullmatch(path.name) for path in existing_paths(self.folder)):
-            raise UsageError(
-                f"{self.folder}: found an unfinished run of an older ibdata; finish it with that, or remove it"
-            )
+            problem = "found an unfinished run of an older ibdata; finish it with that, or remove it"
+            raise UsageError(f"{self.folder}: {problem}")
 
     def _foreign(self) -> Path | None:
         """The part if its lock is missing, or what is no folder or file in it.
@@ -235,12 +234,16 @@ def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float
     return stack.enter_context(locked(part.folder / LOCK, wait, shared=shared, place=name))
 
 
-def tidy(place: Path) -> None:
-    """Remove what a process that was killed has left beside a place, unless somebody is at work there."""
+def tidy(place: Path, clear: Callable[[Part], object] | None = None) -> None:
+    """Remove what a process that was killed has left beside a place, unless somebody is at work there.
+
+    A part with finished shards stays, as far as `clear` leaves it.
+    """
     target = resolved(place)
     if os.path.lexists(part_of(target)):
-        with suppress(IbdataError), locked_part(target):
-            pass  # the end of the block clears the part
+        with suppress(IbdataError), locked_part(target) as part:  # whose end removes the part
+            if clear is not None:
+                clear(part)
 
 
 @contextmanager

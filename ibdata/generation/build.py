@@ -24,11 +24,11 @@ from ibdata._system.part import (
     locked_part,
     refusals,
     resolved,
+    tidy,
 )
-from ibdata._system.signals import ignore
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
-from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, notice
+from ibdata.errors import DatasetError, Interrupted, UsageError, notice
 from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import finish
@@ -91,7 +91,7 @@ class Build:
 
     def look(self) -> bool:
         """Put in order what a killed process has left, then say what `is_there` says."""
-        tidy(self._path)  # first, for what was to be replaced may lie in the part
+        tidy(self._path, clear_useless)  # first, for what was to be replaced may lie in the part
         return self.is_there()
 
     def is_there(self) -> bool:
@@ -168,11 +168,11 @@ class Build:
         """
         self._record = record
         if shared:
-            tidy(self._path)
+            tidy(self._path, clear_useless)
         with locked_part(self._path, self.name, shared=shared) as self._part:
             try:
                 if not shared:
-                    _clear_useless(self._part)
+                    clear_useless(self._part)
                 self._is_made = self.is_there()
                 if not self._is_made:
                     self._begin()
@@ -254,7 +254,6 @@ class Build:
                 old = self._path / path.relative_to(folder)
                 keep_access(old if path.is_dir() else self._path / manifest.PATH, path)
             record.model_copy(update={"manifest": manifest.checksum_in(folder)}).write(self.run)
-            ignore()  # a run that has published is finished, and not stopped
             self._part.place(folder, self._overwrite)
         with suppress(OSError):  # Windows removes no open file; who has the part next removes it
             self._part.clear()
@@ -333,14 +332,8 @@ def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
             yield path
 
 
-def tidy(path: Path) -> None:
-    """Remove what a killed run has left at a place in vain, unless somebody is at work here."""
-    if os.path.exists(part_of(path)):
-        with suppress(IbdataError), locked_part(path) as part:
-            _clear_useless(part)
-
-
-def _clear_useless(part: Part) -> None:
+def clear_useless(part: Part) -> None:
+    """Remove what is in a part, unless it is a run with which somebody may go on."""
     if not manifest.is_unfinished(part):
         part.clear()
 

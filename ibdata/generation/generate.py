@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import counted
-from ibdata._system.part import existing_paths, resolved
+from ibdata._system.part import existing_paths, resolved, tidy
 from ibdata._system.progress import Progress
 from ibdata._system.storage import Remote, is_url, local, refuse_url, url_of
 from ibdata.dataset.dataset import Dataset
@@ -24,7 +24,7 @@ from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation import upload
-from ibdata.generation.build import Build, refuse_damage, refuse_name, size_in, tidy
+from ibdata.generation.build import Build, clear_useless, refuse_damage, refuse_name, size_in
 from ibdata.generation.process import Process, process_for
 from ibdata.generation.record import observe
 from ibdata.generation.shard import is_whole
@@ -262,7 +262,7 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     """
     refuse_url(folder)
     place = Path(folder)
-    tidy(resolved(place))
+    tidy(place, clear_useless)
     if not existing_paths(resolved(place)):
         begun = Build.begun(place)
         if begun is None:
