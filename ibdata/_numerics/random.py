@@ -87,6 +87,7 @@ class Purpose(IntEnum):
     EPISODE_POLICY = 7  # once for an episode
     MEASUREMENT = 8
     TRIAL = 9  # of a policy at recorded observations, which is not simulated
+    BURN_IN_MEASUREMENT = 10
 
 
 def stream_key(seed: int, cell_digest: bytes) -> Raw:

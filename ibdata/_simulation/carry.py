@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from ibdata._numerics.random import Purpose, Raw
 from ibdata._simulation import kernel
-from ibdata._simulation.episodes import Draw, Episodes, Float32s, Floats, Ints, World, draw_uniforms
+from ibdata._simulation.episodes import (
+    Draw,
+    Episodes,
+    Float32s,
+    Floats,
+    Ints,
+    World,
+    draw_uniforms,
+    values_of,
+)
 from ibdata.dynamics import State, initial_state
 from ibdata.policies import Needs
 from ibdata.policies.distributions import clip_and_round
+from ibdata.views.options import BurnInStep
 
 NO_RECORD = np.empty((0, 0, 0))
 NO_ROWS = np.empty(0, dtype=np.int64)
@@ -21,8 +32,8 @@ NO_ROWS = np.empty(0, dtype=np.int64)
 class Carry:
     """Where n episodes are: all that their next step needs.
 
-    Observations and actions are the latest, newest first. Before the first observation of an episode, that
-    one is repeated; before its first action, they are zero.
+    Observations and actions are the latest, newest first, those of the burn-in too. Before the first
+    observation of all, that one is repeated; before the first action, they are zero.
     """
 
     state: State
@@ -30,6 +41,7 @@ class Carry:
     actions: Float32s  # (n, history, 3): the actions that led to the observations; or none, (n, 0, 3)
     memory: Floats  # (n, memory), of the policy
     episode_draws: Floats  # (n, episode_draws), the policy's random numbers of the episode
+    burn_in: Sequence[BurnInStep] = ()  # of all lanes, where they begin; `take` and `put` leave it
 
     @classmethod
     def at(cls, state: State, needs: Needs) -> Carry:
@@ -80,19 +92,22 @@ class Carry:
         )  # fmt: skip
 
 
-def begin(episodes: Episodes) -> Carry:
-    """Where episodes begin, with what their policy needs."""
+def begin(episodes: Episodes, rows: Ints = NO_ROWS) -> Carry:
+    """Where episodes begin, with what their policy needs; for the rows see `begin_lanes`."""
     needs = episodes.policy.needs
-    carry = begin_lanes(episodes.world, episodes.draw, episodes.lanes, episodes.setpoint, needs)
+    carry = begin_lanes(episodes.world, episodes.draw, episodes.lanes, episodes.setpoint, needs, rows)
     if needs.episode_draws:
         purpose, draws = Purpose.EPISODE_POLICY, needs.episode_draws
         [carry.episode_draws] = draw_uniforms(episodes.draw, episodes.lanes, purpose, 0, 1, draws)
     return carry
 
 
-def begin_lanes(world: World, draw: Draw, lanes: Ints, setpoints: Floats, needs: Needs) -> Carry:
+def begin_lanes(
+    world: World, draw: Draw, lanes: Ints, setpoints: Floats, needs: Needs, rows: Ints = NO_ROWS
+) -> Carry:
     """Where some lanes begin: after the start, the zero-action step and the burn-in.
 
+    The steps of the burn-in have the values of these rows of a state, if there are any and a history is seen.
     Random integers are drawn in a fixed order and only if they are used. So a `Draw` may compute them from
     their addresses, or take them from one generator per lane.
     """
@@ -106,12 +121,15 @@ def begin_lanes(world: World, draw: Draw, lanes: Ints, setpoints: Floats, needs:
     Carry.at(state, Needs(history=0)).advance(world, no_change, *world.integers(draw, lanes, 0, 1))
     carry = Carry.at(state, needs)
     if not isinstance(world.start, str):
-        _burn_in(world, carry, burn_in_steps(*world.start, u), draw, lanes)
+        carry.burn_in = _burn_in(world, carry, burn_in_steps(*world.start, u), draw, lanes, rows)
     return carry
 
 
-def _burn_in(world: World, carry: Carry, counts: Ints, draw: Draw, lanes: Ints) -> None:
+def _burn_in(
+    world: World, carry: Carry, counts: Ints, draw: Draw, lanes: Ints, rows: Ints
+) -> list[BurnInStep]:
     """Advance each lane by counts (n,) steps with uniform random actions, in place."""
+    steps, is_seen = [], len(rows) > 0 and carry.observations.shape[1] > 1
     for t in range(int(counts.max(initial=0))):
         running = np.flatnonzero(t < counts)
         some = lanes[running]
@@ -120,8 +138,11 @@ def _burn_in(world: World, carry: Carry, counts: Ints, draw: Draw, lanes: Ints) 
         actions = np.empty((1, len(some), 3), dtype=np.float32)
         clip_and_round(2.0 * u - 1.0, actions[0])
         part = carry.take(running)
+        if is_seen:
+            steps.append((running, values_of(part.state, rows), actions[0]))
         part.advance(world, actions, *noise)
         carry.put(running, part)
+    return steps
 
 
 def burn_in_steps(fewest: int, most: int, u: Floats) -> Ints:

@@ -73,7 +73,7 @@ class Dataset(Episodes):
         Args:
             columns: The names of the columns to read; by default all.
             split: Only rows of this split, or of these.
-            setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
+            setpoint: Only rows at this setpoint, or at these; moving ones count by that in the experiment.
             policy: Only rows of the policy with this label, or with these.
             view: The options of a view, a mapping of some of observe, actions, reward, reward_scale,
                 imperfections and cost (docs/views.md). The columns are then episode, step, those of the

@@ -139,7 +139,7 @@ class Episodes:
 
         Args:
             split: In this split, or in one of these.
-            setpoint: At this setpoint, or at one of these; moving ones count by their first value.
+            setpoint: At this setpoint, or at one of these; moving ones count by that in the experiment.
             policy: Of the policy with this label, or with one of these.
             episodes: With this number, or with one of these, such as range(100).
             returns: With an undiscounted return within (lowest, highest), both included; None for no limit.

@@ -87,7 +87,7 @@ def quality(
     Args:
         ds: The dataset, its folder or URL, or a selection of its episodes.
         split: Only episodes of this split, or of these.
-        setpoint: Only episodes at this setpoint, or at these; moving ones count by their first value.
+        setpoint: Only episodes at this setpoint, or at these; moving ones count by that in the experiment.
         policy: Only episodes of the policy with this label, or with these.
 
     Returns:

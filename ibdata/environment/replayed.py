@@ -85,8 +85,9 @@ class Replay(NamedTuple):
 
         noise = {}
         for experiment, positions, numbers in self.addresses.by_experiment(self.episodes[which]):
-            episodes, needs = episodes_of(experiment, numbers), simulation.needs
-            carry = begin_lanes(episodes.world, episodes.draw, episodes.lanes, episodes.setpoint, needs)
+            episodes = episodes_of(experiment, numbers)
+            lanes = episodes.world, episodes.draw, episodes.lanes, episodes.setpoint
+            carry = begin_lanes(*lanes, simulation.needs, simulation.observed_rows)
             simulation.place(which[positions], carry, self.episodes[which[positions]])
             addresses = zip(positions.tolist(), episodes.index.tolist(), episodes.keys, strict=True)
             for position, index, key in addresses:

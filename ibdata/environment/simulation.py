@@ -47,7 +47,7 @@ class Simulation:
         state = initial_state(np.full(n, settings.setpoint), drifting=drifting)
         self.carry = _without_actions(Carry.at(state, self.needs))
         self._window = None if view.is_classic else Window(view, drifting, n, settings.history)
-        self._observed = observed_rows(view, drifting)
+        self.observed_rows = observed_rows(view, drifting)
         imperfect = view.imperfections.columns
         self._clean = {f"clean_{c}": i for i, c in enumerate(view.columns(drifting)) if c in imperfect}
         latent = {f"latent_{name}": ROWS.index(name) for name in hidden(drifting)}
@@ -62,7 +62,7 @@ class Simulation:
     def reset(self, which: Indices, draw: Draw) -> None:
         """Begin episodes in these lanes (k,): the start, the zero-action step, the burn-in."""
         setpoints = np.full(len(which), self.settings.setpoint)
-        carry = begin_lanes(self.settings.world, draw, which, setpoints, self.needs)
+        carry = begin_lanes(self.settings.world, draw, which, setpoints, self.needs, self.observed_rows)
         self.place(which, carry, self._numbers(which, draw))
 
     def set_state(self, proposed: State, which: Indices, draw: Draw) -> None:
@@ -76,7 +76,7 @@ class Simulation:
         if self.settings.view.cost is not None:
             self._cost[which] = 0.0
         if self._window is not None:
-            self._window.begin(which, self._true_values()[which], numbers)
+            self._window.begin(which, self._true_values()[which], numbers, carry.burn_in)
 
     def step(self, which: Indices, actions: Float32s, draw: Draw) -> Floats:
         """Move these lanes (k,) by actions (k, 3). Returns the scaled rewards (k,), a new array."""
@@ -131,7 +131,7 @@ class Simulation:
 
     def _true_values(self) -> Float32s:
         """The true values of the observed columns, (n, columns)."""
-        return values_of(self.carry.state, self._observed)
+        return values_of(self.carry.state, self.observed_rows)
 
     def _costs(self, carry: Carry) -> Float32s | None:
         """A copy of consumption and fatigue (2, k), of which other rewards than the classic one are made."""

@@ -37,7 +37,8 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         setpoint: a number, by default 70; "drifting" (starts at 50), or {"drifting": a number}.
         dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
-        history: the number of observations returned together; those before the first one repeat it.
+        history: the number of observations returned together, those of a burn-in too; those before the first
+            one repeat it.
         view: what is seen and rewarded, as the options of a view (docs/views.md), such as
             {"reward_scale": 0.01}. The classic reward is -consumption - 3 · fatigue of the new state.
         discrete_actions: whether actions are whole numbers from 0 to 26, which name a change of -1, 0 or 1 of

@@ -125,7 +125,7 @@ def importance(
         discount: the discount factor γ, in [0, 1].
         steps: only so many first steps of each episode; by default all.
         split: only episodes of this split, or of these.
-        setpoint: only episodes at this setpoint, or at these; moving ones count by their first value.
+        setpoint: only episodes at this setpoint, or at these; moving ones count by that in the experiment.
         policy: only episodes of the policy with this label, or with these.
         history: the number of observations that an object sees, if it has no `needs`.
         allow_code: whether custom policies, of the data or in a file, may run.

@@ -15,7 +15,7 @@ from ibdata._simulation.episodes import Episodes, Ints, observed_rows, record_ro
 from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata._system.progress import Advance, unseen
 from ibdata.errors import UsageError
-from ibdata.evaluation.policies import loaded, notes_on, setpoint_notes
+from ibdata.evaluation.policies import burn_in_notes, loaded, notes_on, setpoint_notes
 from ibdata.experiment.scenario import Cell, Scenario, form_digest
 from ibdata.policies import Observed
 from ibdata.policies.distributions import read_only
@@ -71,7 +71,7 @@ def play(
                     *returns, count = _returns(scenario, cell, number, part, discount, advance, view)
                     out[0, number, part], out[1, number, part], out[2, number, part] = returns
                     clipped[number] += count / (n * scenario.steps)
-            notes.append([*notes_on(policy, view), *at_setpoints])
+            notes.append([*notes_on(policy, view), *at_setpoints, *burn_in_notes(policy, scenario)])
     discounted, undiscounted, costs = out.reshape(3, -1, per_policy, n)
     return Played(discounted, undiscounted, costs, clipped.reshape(-1, per_policy), notes)
 
@@ -120,8 +120,9 @@ def _returns(
 ) -> Returns:
     """The returns of some episodes of a cell with this number."""
     episodes = _paired(scenario, cell, number, np.arange(part.start, part.stop))
-    carry, rows = begin(episodes), record_rows(rewarded(view))
-    blocks = unroll(episodes, carry, rows, scenario.steps, observe=_through(view, episodes, carry))
+    seen = observed_rows(view, scenario.drifting)
+    carry, rows = begin(episodes, seen), record_rows(rewarded(view))
+    blocks = unroll(episodes, carry, rows, scenario.steps, observe=_through(view, episodes, carry, seen))
     return returns_of(blocks, discount, advance, view)
 
 
@@ -150,14 +151,15 @@ def _digests(cell: Cell) -> tuple[bytes, bytes]:
     return form_digest(common), form_digest(form)
 
 
-def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[Observed], Observed] | None:
+def _through(
+    view: ViewOptions, episodes: Episodes, carry: Carry, rows: Ints
+) -> Callable[[Observed], Observed] | None:
     """What a policy made of a user's object sees: the frames of the view. Other policies see no view."""
     history, drifting = episodes.policy.needs.history, episodes.world.drifting
     if view.is_classic or not isinstance(episodes.policy, ObjectPolicy) or history == 0:
         return None
-    rows = observed_rows(view, drifting)
     window = Window(view, drifting, len(episodes), history)
-    window.begin(episodes.lanes, values_of(carry.state, rows), episodes.index)
+    window.begin(episodes.lanes, values_of(carry.state, rows), episodes.index, carry.burn_in)
 
     def observe(observed: Observed) -> Observed:
         if observed.step.any():

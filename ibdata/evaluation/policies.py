@@ -218,6 +218,16 @@ def setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions = PLAIN
         user_object.adapter.clipped[:] = 0  # what was asked here is made up
 
 
+def burn_in_notes(policy: Policy, scenario: Scenario) -> Iterator[str]:
+    """What says that a trained policy sees frames which no row of a dataset has, in a line."""
+    trained = any(policy.everywhere(UserObject)) or any(policy.everywhere(Network))
+    if trained and policy.needs.history > 1 and not isinstance(scenario.world.start, str):
+        yield (
+            "its first histories hold frames of the burn-in; where it learned from a dataset, `arrays` and "
+            "`windows` repeated the first row's frame there"
+        )
+
+
 def _scalings(policy: Policy) -> Iterator[dict[str, Any]]:
     """The scalings of the networks and models in a policy."""
     for part in policy.everywhere(Policy):

@@ -84,7 +84,7 @@ def noise_floor(
     Args:
         ds: The dataset, its folder or URL, or a selection of its episodes.
         split: Only rows of this split, or of these.
-        setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
+        setpoint: Only rows at this setpoint, or at these; moving ones count by that in the experiment.
         policy: Only rows of the policy with this label, or with these.
 
     Returns:
@@ -214,7 +214,7 @@ def score_model(
         split: Only rows of this split, or of these.
         steps: After how many steps predictions are scored: one number or several.
         history: The number of observations that the model sees.
-        setpoint: Only rows at this setpoint, or at these; moving ones count by their first value.
+        setpoint: Only rows at this setpoint, or at these; moving ones count by that in the experiment.
         policy: Only rows of the policy with this label, or with these.
 
     Returns:

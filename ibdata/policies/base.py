@@ -53,9 +53,9 @@ class Observed(NamedTuple):
 
     Attributes:
         observations: the latest observations, float32 (n, history, 6), newest first, with the columns of
-            `OBSERVATION`. Before an episode's first observation, that one is repeated.
+            `OBSERVATION`; those of a burn-in too. Before the first one, that one is repeated.
         actions: the actions that led to these observations, float32 (n, history, 3), so the last action
-            first. Before an episode's first action they are zero.
+            first. Before the first action they are zero.
         step: the step of each episode, counted from 0, int64 (n,).
         draws: independent random numbers, uniform on (0, 1), float64 (n, draws).
         episode_draws: random numbers of the episode, which are the same at each of its steps, float64

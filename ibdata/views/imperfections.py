@@ -114,12 +114,15 @@ class Measurement:
         latest = np.maximum.accumulate(np.where(lost, 0, times), axis=0)
         return np.take_along_axis(arrived, latest, axis=0), lost
 
-    def step(self, delayed: Float32s, numbers: npt.NDArray[np.int64], time: int) -> tuple[Float32s, Flags]:
+    def step(
+        self, delayed: Float32s, numbers: npt.NDArray[np.int64], time: int, burn_in: bool
+    ) -> tuple[Float32s, Flags]:
         """Measure the delayed true values (n, k) of episodes with these numbers (n,) at one time.
 
-        Returns the values (n, k), and flags (n, k) of those that do not arrive and are of no use.
+        The times of the burn-in are counted from its first step. Returns the values (n, k), and flags (n, k)
+        of those that do not arrive and are of no use.
         """
-        arrived, lost = self._measure(delayed, *self._draw(numbers, time, 1))
+        arrived, lost = self._measure(delayed, *self._draw(numbers, time, 1, burn_in))
         return arrived, lost & (time > 0)
 
     def _measure(self, delayed: Float32s, normal: Floats, uniform: Floats) -> tuple[Float32s, Flags]:
@@ -130,18 +133,21 @@ class Measurement:
         lost = np.broadcast_to(uniform < self._missing, delayed.shape).copy()
         return values.astype(np.float32), lost
 
-    def _draw(self, numbers: npt.NDArray[np.int64], time: int, times: int) -> tuple[Floats, Floats]:
+    def _draw(
+        self, numbers: npt.NDArray[np.int64], time: int, times: int, burn_in: bool = False
+    ) -> tuple[Floats, Floats]:
         """Normal and uniform numbers (times, k) of one episode, or (n, k) of n episodes at one time."""
         if not self._random:
             return np.zeros(1), np.ones(1)
         # Imported here, because other views need nothing compiled.
         from ibdata._numerics.random import Purpose, integers, normals_of, slots, stream_key, uniforms
 
+        purpose = Purpose.BURN_IN_MEASUREMENT if burn_in else Purpose.MEASUREMENT
         out = np.empty((2, times * len(numbers), len(self.delay)))
         for stream, places in self._streams.items():
             keys = np.tile(stream_key(self._seed, stream), (len(numbers), 1))
             u = np.empty((times, len(numbers), DRAWS))
-            uniforms(integers(keys, numbers, Purpose.MEASUREMENT, time, times, slots(DRAWS)), u)
+            uniforms(integers(keys, numbers, purpose, time, times, slots(DRAWS)), u)
             columns, index = np.array(places).T
             out[:, :, columns] = u.reshape(-1, len(TOGETHER), 2)[:, index].transpose(2, 0, 1)
         return normals_of(out[0]), out[1]

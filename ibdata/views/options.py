@@ -176,8 +176,12 @@ Float32s = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
 
+# A step of a burn-in: which episodes made it (k,), their values before it (k, columns), their actions (k, 3).
+BurnInStep = tuple[Indices, Float32s, Float32s]
+
+
 class Window:
-    """The last `history` frames of n lanes through a view. At first, the first frame is repeated."""
+    """The last `history` frames of n lanes through a view. Before the first one, that one is repeated."""
 
     def __init__(self, options: ViewOptions, drifting: bool, n: int, history: int) -> None:
         columns = options.columns(drifting)
@@ -190,22 +194,42 @@ class Window:
         self._arrived = np.zeros((n, len(columns)), dtype=np.float32)
         self.frames = np.zeros((n, history, len(options.frame(drifting))), dtype=np.float32)
 
-    def begin(self, lanes: Indices, clean: Float32s, numbers: Indices) -> None:
-        """Begin episodes with these numbers (k,) and true values `clean` (k, columns) in some lanes."""
-        self._numbers[lanes], self._times[lanes] = numbers, 0
-        self._clean[lanes] = clean[:, None]
-        actions = np.zeros((len(lanes), len(ACTIONS)), dtype=np.float32)
-        self.frames[lanes] = self._frame(lanes, actions)[:, None]
+    def begin(
+        self, lanes: Indices, clean: Float32s, numbers: Indices, burn_in: Sequence[BurnInStep] = ()
+    ) -> None:
+        """Begin episodes with these numbers (k,) and true values `clean` (k, columns) in some lanes.
 
-    def push(self, lanes: Indices, clean: Float32s, actions: Float32s) -> None:
+        The frames of their burn-in come before the first one, which does not depend on them.
+        """
+        self._numbers[lanes] = numbers
+        before = np.zeros((len(lanes), len(ACTIONS)), dtype=np.float32)
+        burnt_in = lanes[:0]
+        for which, values, actions in burn_in:
+            if not len(burnt_in):
+                burnt_in = lanes[which]
+                self._first(burnt_in, values, burn_in=True)
+            else:
+                self.push(lanes[which], values, before[which], burn_in=True)
+            before[which] = actions
+        past = self.frames[burnt_in, :-1]
+        self._first(lanes, clean)
+        self.frames[burnt_in, 1:] = past
+
+    def _first(self, lanes: Indices, clean: Float32s, burn_in: bool = False) -> None:
+        """Repeat the first frame of some lanes."""
+        self._times[lanes], self._clean[lanes] = 0, clean[:, None]
+        nothing = np.zeros((len(lanes), len(ACTIONS)), dtype=np.float32)
+        self.frames[lanes] = self._frame(lanes, nothing, burn_in)[:, None]
+
+    def push(self, lanes: Indices, clean: Float32s, actions: Float32s, burn_in: bool = False) -> None:
         """Add the frame of some lanes after a step with the actions (k, 3)."""
         self._times[lanes] += 1
         self._clean[lanes, 1:] = self._clean[lanes, :-1]
         self._clean[lanes, 0] = clean
         self.frames[lanes, 1:] = self.frames[lanes, :-1]
-        self.frames[lanes, 0] = self._frame(lanes, actions)
+        self.frames[lanes, 0] = self._frame(lanes, actions, burn_in)
 
-    def _frame(self, lanes: Indices, actions: Float32s) -> Float32s:
+    def _frame(self, lanes: Indices, actions: Float32s, burn_in: bool) -> Float32s:
         """The newest frame of some lanes."""
         delay = self._measurement.delay
         delayed = self._clean[lanes[:, None], delay, np.arange(len(delay))]
@@ -214,7 +238,7 @@ class Window:
         for time in np.unique(self._times[lanes]).tolist():  # lanes at one time are measured together
             rows = np.flatnonzero(self._times[lanes] == time)
             numbers = self._numbers[lanes[rows]]
-            arrived[rows], lost[rows] = self._measurement.step(delayed[rows], numbers, time)
+            arrived[rows], lost[rows] = self._measurement.step(delayed[rows], numbers, time, burn_in)
         self._arrived[lanes] = np.where(lost, self._arrived[lanes], arrived)
         parts = [self._arrived[lanes], lost[:, self._flagged], actions[:, : len(ACTIONS) * self._actions]]
         return np.concatenate(parts, axis=1, dtype=np.float32)
