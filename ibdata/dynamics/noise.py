@@ -135,14 +135,15 @@ def noise_component_cdf(x: Floats, effective: Floats, k: Parameters) -> Floats:
     [0.0, 0.6722, 1.0]
     """
     length = np.maximum(effective, SMALLEST)
-    n, b = 1.0 / k.eta_mean, np.minimum((1.0 - x) / k.eta_scale, 0.5)  # ½: x is at or below ηᵉ's range
+    # ½: x is at or below ηᵉ's range; above 0, because powers of b may be negative
+    b = np.clip((1.0 - x) / k.eta_scale, np.finfo(float).tiny, 0.5)
     first = np.clip(2.0 * b, 1.0 - length, 1.0)  # at s = 2 b, ηᵉ is at its least
-    with np.errstate(invalid="ignore"):  # 0 / 0 at x = effective = 1
-        low, high = (np.nan_to_num(b / (s - b)) for s in (1.0, first))
-    if n == 1.0:
-        below = b * np.log((1.0 - b) / np.maximum(first - b, np.finfo(float).tiny))
+    low, high = (b / (s - b) for s in (1.0, first))
+    power = 1.0 / k.eta_mean - 1.0
+    if abs(power) < 1e-7:  # the limit, near which the difference has no digits
+        below = b * np.log(high / low)
     else:
-        below = b * (high ** (n - 1.0) - low ** (n - 1.0)) / (n - 1.0)
+        below = b * (high**power - low**power) / power
     with_event = np.clip((1.0 - first - below) / length, 0.0, 1.0)
     p = np.clip(effective, k.bernoulli_low, k.bernoulli_high)
     cdf: Floats = (1.0 - p) * squashed_exponential_cdf(x, k) + p * with_event

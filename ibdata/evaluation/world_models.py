@@ -129,7 +129,7 @@ def _law(state: State, actions: npt.NDArray[Any], variant: Variant) -> Floats:
         )
     after = step(state, actions, Noise(*np.zeros((len(Noise._fields), n))), variant)
     out = np.empty((n, 3, 2))
-    spread = 1.0 + k.consumption_noise * after.expected_consumption
+    spread = np.abs(1.0 + k.consumption_noise * after.expected_consumption)
     out[:, :, 1] = np.column_stack([after.expected_consumption, spread, FOLDED * spread])
     x, weights = quadrature()
     for first in range(0, n, PART):
@@ -145,7 +145,9 @@ def _law(state: State, actions: npt.NDArray[Any], variant: Variant) -> Floats:
         mean = 1.0 - cdf @ weights
         variance = 1.0 - 2.0 * (cdf @ (weights * x)) - mean**2
         absolute = np.minimum(cdf, 1.0 - cdf) @ weights
-        moments = np.column_stack([1.0 + 2.0 * mean, 2.0 * np.sqrt(variance), 2.0 * absolute])
+        moments = np.column_stack(
+            [1.0 + 2.0 * mean, 2.0 * np.sqrt(np.maximum(variance, 0.0)), 2.0 * absolute]
+        )
         out[part, :, 0] = after.basic_fatigue[part, None] / 3.0 * moments
     return out
 

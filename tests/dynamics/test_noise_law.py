@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import FULL
+from helpers.variants import VARIANTS_MOVED
 
 from ibdata.dynamics import PAPER, SIEMENS, Noise, initial_state, step
 from ibdata.dynamics.noise import amplification_cdf, noise_component_cdf, squashed_exponential_cdf
@@ -24,7 +25,7 @@ def drawn(n, seed):
     return Noise(*(laws.get(name.split("_")[0], rng.random)(size=n) for name in Noise._fields))
 
 
-@pytest.mark.parametrize("variant", [SIEMENS, PAPER], ids=["siemens", "paper"])
+@pytest.mark.parametrize("variant", VARIANTS_MOVED.values(), ids=VARIANTS_MOVED)
 @pytest.mark.parametrize("case", STATES.values(), ids=STATES)
 def test_the_law_is_that_of_many_steps_from_one_state(variant, case):
     mu_v, mu_g, velocity, gain = (np.full(DRAWS, x) for x in case)
