@@ -140,10 +140,8 @@ def noise_component_cdf(x: Floats, effective: Floats, k: Parameters) -> Floats:
     first = np.clip(2.0 * b, 1.0 - length, 1.0)  # at s = 2 b, ηᵉ is at its least
     low, high = (b / (s - b) for s in (1.0, first))
     power = 1.0 / k.eta_mean - 1.0
-    if abs(power) < 1e-7:  # the limit, near which the difference has no digits
-        below = b * np.log(high / low)
-    else:
-        below = b * (high**power - low**power) / power
+    # near a power of 0, the difference has no digits
+    below = b * (np.log(high / low) if abs(power) < 1e-7 else (high**power - low**power) / power)
     with_event = np.clip((1.0 - first - below) / length, 0.0, 1.0)
     p = np.clip(effective, k.bernoulli_low, k.bernoulli_high)
     cdf: Floats = (1.0 - p) * squashed_exponential_cdf(x, k) + p * with_event

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,12 +26,22 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 LEAST = math.ulp(0.0)
-# The least and the greatest number for a column, and both in words. With these, all measurements are finite.
+
+
+class Kind(NamedTuple):
+    """A kind of imperfection: its numbers for a column. With these, all measurements are finite."""
+
+    least: float
+    most: float
+    expected: str  # both in words
+    within: bool  # whether all that it shows is a true value, and so within the bounds of the column
+
+
 KINDS = {
-    "delay": (1, 1000, "a whole number of steps, 1 to 1000"),
-    "noise": (LEAST, 1e30, "a standard deviation above 0 and at most 1e+30"),
-    "quantise": (1e-30, sys.float_info.max, "a step of at least 1e-30"),
-    "missing": (LEAST, 1.0, "a probability above 0 and at most 1"),
+    "delay": Kind(1, 1000, "a whole number of steps, 1 to 1000", within=True),
+    "noise": Kind(LEAST, 1e30, "a standard deviation above 0 and at most 1e+30", within=False),
+    "quantise": Kind(1e-30, sys.float_info.max, "a step of at least 1e-30", within=False),
+    "missing": Kind(LEAST, 1.0, "a probability above 0 and at most 1", within=True),
 }
 NOTHING: Mapping[str, Any] = {}
 # The variables whose random numbers come from one stream, by their index: this list never changes. Any other
@@ -70,6 +80,10 @@ class Imperfections:
     def columns(self) -> tuple[str, ...]:
         """The columns that are measured imperfectly."""
         return tuple(dict.fromkeys(name for kind in KINDS for name in getattr(self, kind)))
+
+    def within(self, column: str) -> bool:
+        """Whether all measurements of a column are within its bounds."""
+        return all(kind.within for name, kind in KINDS.items() if column in getattr(self, name))
 
     def plain(self) -> dict[str, Any]:
         """The imperfections as users give them; empty if there are none."""
@@ -173,10 +187,10 @@ def _checked(
     seed: int = 0,
 ) -> Imperfections:
     kinds = (delay, noise, quantise, missing)
-    for (name, (least, most, expected)), numbers in zip(KINDS.items(), kinds, strict=True):
+    for (name, kind), numbers in zip(KINDS.items(), kinds, strict=True):
         for column, number in numbers.items():
-            if not least <= number <= most:
-                raise UsageError(f"{name}: {column}: found {number}, expected {expected}")
+            if not kind.least <= number <= kind.most:
+                raise UsageError(f"{name}: {column}: found {number}, expected {kind.expected}")
     if not 0 <= seed < 2**64:
         raise UsageError(f"seed: found {seed}, expected a whole number in [0, 2^64)")
     noise, quantise, missing = ({name: float(x) for name, x in kind.items()} for kind in kinds[1:])

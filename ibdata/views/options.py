@@ -165,9 +165,8 @@ def bounds_of(
     bounds: list[tuple[float | None, float | None]] = []
     for name in options.columns(drifting):
         variable = VARIABLES[variable_of(name)]
-        inexact = name in options.imperfections.noise or name in options.imperfections.quantise
         exact = consumption if name == "obs_consumption" else (variable.low, variable.high)
-        bounds.append((None, None) if inexact else exact)
+        bounds.append(exact if options.imperfections.within(name) else (None, None))
     flags, actions = len(options.flagged(drifting)), len(ACTIONS) * options.actions
     return [*bounds, *[(0.0, 1.0)] * flags, *[(-1.0, 1.0)] * actions]
 

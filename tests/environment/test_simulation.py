@@ -13,6 +13,8 @@ from ibdata.environment.settings import frame_bounds, settings
 from ibdata.environment.simulation import Lane, Simulation
 from ibdata.environment.streams import AHEAD, Streams
 from ibdata.errors import UsageError
+from ibdata.views.imperfections import KINDS
+from ibdata.views.options import OBSERVED
 
 pytestmark = pytest.mark.portable
 
@@ -67,6 +69,27 @@ def test_the_environment_is_a_simulation_of_one_lane(options):
         expected = {name: values[0].item() for name, values in simulation.info().items()}
         assert list(info.items()) == list(expected.items())
         assert [type(value) for value in info.values()] == [type(value) for value in expected.values()]
+
+
+LARGE = {"delay": 3, "noise": 30.0, "quantise": 65.0, "missing": 0.3}  # 100 as a multiple of 65 is 130
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_an_imperfection_shows_is_within_the_space(kind):
+    """Also at an end of the range. The bounds stay where true values are shown, earlier ones or not."""
+    columns = [*OBSERVED[1:4], "latent_mu_g"]
+    view = {"observe": columns, "imperfections": {kind: dict.fromkeys(columns, LARGE[kind])}}
+    given = settings(view=view)
+    low, high = np.array(frame_bounds(given))
+    lane, tape = Lane(given), random_tape(1)
+    lane.reset(lane.everyone, tape)
+    far = False
+    for t in range(120):
+        raw = tape(lane.everyone, None, 0, 1, lane.draws)[0, :, 0]
+        seen, _, _ = lane.move((1.0, 1.0, -1.0) if t < 60 else (-1.0, -1.0, 1.0), raw)
+        assert ((low <= seen) & (seen <= high)).all()
+        far |= ((seen < 0) | (seen > [100, 100, 100, 5])).any()
+    assert far == np.isinf(low).all() == np.isinf(high).all()
 
 
 def test_the_first_delta_reward_is_within_the_episode():
