@@ -45,6 +45,12 @@ HIDDEN = {"ml1": "gs_domain", "ml2": "gs_sys_response", "ml3": "gs_phi_idx", "hv
 ALL = ("p", "v", "g", "h", "f", "c", "reward", "coc", "he", "ge", "ve", "MC", "fb", "oc", "gs_domain",
        "gs_sys_response", "gs_phi_idx")  # fmt: skip
 
+WEIGHTS = {"CRF": FATIGUE_WEIGHT, "CRC": 1.0, "CRGS": PENALTY_WEIGHT}
+# What each step of the package's class calls or reads, and no step does here.
+UNREAD = (*WEIGHTS, "maxRequiredStep", "gsBound", "gsSetPointDependency", "gsScale", "gsEnvironment", "init",
+          "updateSetPoint", "addAction", "updateFatigue", "updateCurrentOperationalCost", "updateGS",
+          "updateOperationalCostConvolution", "updateOperationalCosts", "updateCost")  # fmt: skip
+
 QUIET = dict.fromkeys(Noise._fields, 0.0)
 NO_EVENT = 1.0 - 2.0**-53  # the uniform draw that is below no probability
 
@@ -61,7 +67,16 @@ class IDS:
         ValueError: the setpoint is out of range.
     """
 
-    CRF, CRC, CRGS = FATIGUE_WEIGHT, 1.0, PENALTY_WEIGHT
+    CRF, CRC, CRGS = WEIGHTS.values()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        _refuse_unread(cls)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in UNREAD:
+            raise _unread(type(self), name)
+        super().__setattr__(name, value)
 
     def __init__(self, p: float = 50, stationary_p: bool = True, inital_seed: Any = None) -> None:
         np.random.seed(inital_seed)
@@ -100,8 +115,10 @@ class IDS:
             delta: (Δv, Δg, Δh), clipped to [-1, 1].
 
         Raises:
-            ValueError: delta is not three finite numbers, or a value written to `state` is out of range.
+            ValueError: delta is not three finite numbers, a value written to `state` is out of range, or a
+                part of the step or a weight was replaced.
         """
+        _refuse_unread(type(self))
         action = np.array(delta, dtype=np.float64)[None]
         flip = self._drift_flip()
         state = self._read()
@@ -139,6 +156,19 @@ class IDS:
             self._p_ch, self._p_step = numbers[RATE], self._p_step + 1
         self.state.update(written)
         self.state["o"][:] = numbers[COSTS][::-1]
+
+
+def _refuse_unread(cls: type[IDS]) -> None:
+    for name in UNREAD:
+        if getattr(cls, name, None) is not WEIGHTS.get(name):
+            raise _unread(cls, name)
+
+
+def _unread(cls: type[IDS], name: str) -> UsageError:
+    return UsageError(
+        f"{cls.__name__}.{name}: found another one, which no step of ibdata reads; other equations are "
+        "`dynamics` of an experiment, other weights the `reward` of a view"
+    )
 
 
 def _draws(ahead: State) -> dict[str, float]:
@@ -202,9 +232,6 @@ class IBGym(Env):
         n_past_timesteps: int = 30,
         new_step_api: bool = False,
     ) -> None:
-        _check("reward_type", reward_type, "classic", "delta")
-        _check("action_type", action_type, "discrete", "continuous")
-        _check("observation_type", observation_type, "classic", "include_past")
         self.setpoint, self.init_seed, self.new_step_api = setpoint, init_seed, new_step_api
         self.reward_function, self.action_type = reward_type, action_type
         self.observation_type, self.n_past_timesteps = observation_type, n_past_timesteps
@@ -240,8 +267,14 @@ class IBGym(Env):
 
         Args:
             seed: seeds NumPy's global generator, in place of the number that was drawn for it.
-            options: ignored.
+            options: none are known.
+
+        Raises:
+            ValueError: an option is unknown.
         """
+        self._check_settings()
+        if options:
+            raise UsageError(f"options: found {excerpt(options)}, expected none")
         if gymnasium is not None:
             super().reset(seed=seed)
         self.IB = IDS(self.setpoint, inital_seed=self.init_seed if seed is None else seed)
@@ -259,6 +292,7 @@ class IBGym(Env):
 
         With `new_step_api`, False stands before whether the episode ended.
         """
+        self._check_settings()
         if self.done:
             self.reset()
         self.last_action = action
@@ -280,6 +314,11 @@ class IBGym(Env):
 
     def close(self) -> None:
         """Do nothing."""
+
+    def _check_settings(self) -> None:
+        _check("reward_type", self.reward_function, "classic", "delta")
+        _check("action_type", self.action_type, "discrete", "continuous")
+        _check("observation_type", self.observation_type, "classic", "include_past")
 
     def _update_observation(self) -> Floats:
         frame = self.IB.visibleState()[:-2]
