@@ -47,9 +47,9 @@ ALL = ("p", "v", "g", "h", "f", "c", "reward", "coc", "he", "ge", "ve", "MC", "f
 
 WEIGHTS = {"CRF": FATIGUE_WEIGHT, "CRC": 1.0, "CRGS": PENALTY_WEIGHT}
 # What each step of the package's class calls or reads, and no step does here.
-UNREAD = (*WEIGHTS, "maxRequiredStep", "gsBound", "gsSetPointDependency", "gsScale", "gsEnvironment", "init",
+UNREAD = {*WEIGHTS, "maxRequiredStep", "gsBound", "gsSetPointDependency", "gsScale", "gsEnvironment", "init",
           "updateSetPoint", "addAction", "updateFatigue", "updateCurrentOperationalCost", "updateGS",
-          "updateOperationalCostConvolution", "updateOperationalCosts", "updateCost")  # fmt: skip
+          "updateOperationalCostConvolution", "updateOperationalCosts", "updateCost"}  # fmt: skip
 
 QUIET = dict.fromkeys(Noise._fields, 0.0)
 NO_EVENT = 1.0 - 2.0**-53  # the uniform draw that is below no probability
@@ -67,8 +67,6 @@ class IDS:
         ValueError: the setpoint is out of range.
     """
 
-    CRF, CRC, CRGS = WEIGHTS.values()
-
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         _refuse_unread(cls)
@@ -80,6 +78,7 @@ class IDS:
 
     def __init__(self, p: float = 50, stationary_p: bool = True, inital_seed: Any = None) -> None:
         np.random.seed(inital_seed)
+        vars(self).update(WEIGHTS)
         self.stationary_p = stationary_p
         self.observable_keys = ["p", "v", "g", "h", "f", "c", "cost", "reward"]
         self.state: OrderedDict[str, Any] = OrderedDict(o=np.zeros(10), **dict.fromkeys(VARIABLES, 0.0))
@@ -159,12 +158,12 @@ class IDS:
 
 
 def _refuse_unread(cls: type[IDS]) -> None:
-    for name in UNREAD:
-        if getattr(cls, name, None) is not WEIGHTS.get(name):
-            raise _unread(cls, name)
+    for base in cls.__mro__:
+        if not UNREAD.isdisjoint(vars(base)):
+            raise _unread(base, min(UNREAD & vars(base).keys()))
 
 
-def _unread(cls: type[IDS], name: str) -> UsageError:
+def _unread(cls: type, name: str) -> UsageError:
     return UsageError(
         f"{cls.__name__}.{name}: found another one, which no step of ibdata reads; other equations are "
         "`dynamics` of an experiment, other weights the `reward` of a view"
