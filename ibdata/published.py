@@ -7,8 +7,9 @@ its order, become the noise of `ibdata.dynamics.step`. docs/published.md says wh
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Iterable
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -45,11 +46,10 @@ HIDDEN = {"ml1": "gs_domain", "ml2": "gs_sys_response", "ml3": "gs_phi_idx", "hv
 ALL = ("p", "v", "g", "h", "f", "c", "reward", "coc", "he", "ge", "ve", "MC", "fb", "oc", "gs_domain",
        "gs_sys_response", "gs_phi_idx")  # fmt: skip
 
-WEIGHTS = {"CRF": FATIGUE_WEIGHT, "CRC": 1.0, "CRGS": PENALTY_WEIGHT}
 # What each step of the package's class calls or reads, and no step does here.
-UNREAD = {*WEIGHTS, "maxRequiredStep", "gsBound", "gsSetPointDependency", "gsScale", "gsEnvironment", "init",
-          "updateSetPoint", "addAction", "updateFatigue", "updateCurrentOperationalCost", "updateGS",
-          "updateOperationalCostConvolution", "updateOperationalCosts", "updateCost"}  # fmt: skip
+UNREAD = {"CRF", "CRC", "CRGS", "maxRequiredStep", "gsBound", "gsSetPointDependency", "gsScale", "init",
+          "gsEnvironment", "updateSetPoint", "addAction", "updateFatigue", "updateCurrentOperationalCost",
+          "updateGS", "updateOperationalCostConvolution", "updateOperationalCosts", "updateCost"}  # fmt: skip
 
 QUIET = dict.fromkeys(Noise._fields, 0.0)
 NO_EVENT = 1.0 - 2.0**-53  # the uniform draw that is below no probability
@@ -69,16 +69,15 @@ class IDS:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        _refuse_unread(cls)
+        _refuse_unread(cls, *map(vars, cls.__mro__))
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name in UNREAD:
-            raise _unread(type(self), name)
+        _refuse_unread(type(self), [name])
         super().__setattr__(name, value)
 
     def __init__(self, p: float = 50, stationary_p: bool = True, inital_seed: Any = None) -> None:
         np.random.seed(inital_seed)
-        vars(self).update(WEIGHTS)
+        vars(self).update(CRF=FATIGUE_WEIGHT, CRC=1.0, CRGS=PENALTY_WEIGHT)
         self.stationary_p = stationary_p
         self.observable_keys = ["p", "v", "g", "h", "f", "c", "cost", "reward"]
         self.state: OrderedDict[str, Any] = OrderedDict(o=np.zeros(10), **dict.fromkeys(VARIABLES, 0.0))
@@ -114,10 +113,9 @@ class IDS:
             delta: (Δv, Δg, Δh), clipped to [-1, 1].
 
         Raises:
-            ValueError: delta is not three finite numbers, a value written to `state` is out of range, or a
-                part of the step or a weight was replaced.
+            ValueError: delta or `state` is out of range, or something that no step reads was replaced.
         """
-        _refuse_unread(type(self))
+        _refuse_unread(type(self), *map(vars, type(self).__mro__))
         action = np.array(delta, dtype=np.float64)[None]
         flip = self._drift_flip()
         state = self._read()
@@ -157,17 +155,12 @@ class IDS:
         self.state["o"][:] = numbers[COSTS][::-1]
 
 
-def _refuse_unread(cls: type[IDS]) -> None:
-    for base in cls.__mro__:
-        if not UNREAD.isdisjoint(vars(base)):
-            raise _unread(base, min(UNREAD & vars(base).keys()))
-
-
-def _unread(cls: type, name: str) -> UsageError:
-    return UsageError(
-        f"{cls.__name__}.{name}: found another one, which no step of ibdata reads; other equations are "
-        "`dynamics` of an experiment, other weights the `reward` of a view"
-    )
+def _refuse_unread(cls: type[IDS], *names: Iterable[str]) -> None:
+    if unread := UNREAD.intersection(chain.from_iterable(names)):
+        raise UsageError(
+            f"{cls.__name__}.{min(unread)}: found another one, which no step of ibdata reads; for other "
+            "equations take `dynamics` of an experiment, for other weights `reward` of a view"
+        )
 
 
 def _draws(ahead: State) -> dict[str, float]:
@@ -267,9 +260,6 @@ class IBGym(Env):
         Args:
             seed: seeds NumPy's global generator, in place of the number that was drawn for it.
             options: none are known.
-
-        Raises:
-            ValueError: an option is unknown.
         """
         self._check_settings()
         if options:

@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 
 import numpy as np
 
 from ibdata._numerics.random import Purpose, Raw
 from ibdata._simulation import kernel
-from ibdata._simulation.episodes import (
-    Draw,
-    Episodes,
-    Float32s,
-    Floats,
-    Ints,
-    World,
-    draw_uniforms,
-    values_of,
-)
+from ibdata._simulation.episodes import Draw, Episodes, Float32s, Ints, World, draw_uniforms, values_of
 from ibdata.dynamics import State, initial_state
+from ibdata.dynamics.state import Floats
 from ibdata.policies import Needs
 from ibdata.policies.distributions import clip_and_round
-from ibdata.views.options import BurnInStep
+from ibdata.views.options import BurnIn
 
 NO_RECORD = np.empty((0, 0, 0))
 NO_ROWS = np.empty(0, dtype=np.int64)
@@ -41,7 +32,7 @@ class Carry:
     actions: Float32s  # (n, history, 3): the actions that led to the observations; or none, (n, 0, 3)
     memory: Floats  # (n, memory), of the policy
     episode_draws: Floats  # (n, episode_draws), the policy's random numbers of the episode
-    burn_in: Sequence[BurnInStep] = ()  # of all lanes, where they begin; `take` and `put` leave it
+    burn_in: BurnIn = ()  # of all lanes, where they begin; `take` and `put` leave it
 
     @classmethod
     def at(cls, state: State, needs: Needs) -> Carry:
@@ -125,9 +116,7 @@ def begin_lanes(
     return carry
 
 
-def _burn_in(
-    world: World, carry: Carry, counts: Ints, draw: Draw, lanes: Ints, rows: Ints
-) -> list[BurnInStep]:
+def _burn_in(world: World, carry: Carry, counts: Ints, draw: Draw, lanes: Ints, rows: Ints) -> BurnIn:
     """Advance each lane by counts (n,) steps with uniform random actions, in place."""
     steps, is_seen = [], len(rows) > 0 and carry.observations.shape[1] > 1
     for t in range(int(counts.max(initial=0))):

@@ -59,21 +59,15 @@ LOW, HIGH = (np.array([[ends[i]] for ends in OF_FIELDS]) for i in (0, 1))
 def checked_noise(noise: Noise, n: int) -> Floats:
     """The noise as a table (12, n). Raises ValueError if a field is not n numbers of its law."""
     draws = [np.asarray(x, dtype=np.float64) for x in noise]
-    if any(x.shape != (n,) for x in draws):
-        raise _refusal(draws, n)
-    table = np.array(draws)
-    if not np.all((table >= LOW) & (table <= HIGH)):  # at once, because twelve checks take longer than a step
-        raise _refusal(draws, n)
+    table = np.array(draws) if all(x.shape == (n,) for x in draws) else np.full(n, np.nan)
+    if not np.all((table >= LOW) & (table <= HIGH)):  # at once: twelve checks take longer than a step
+        wrong = (
+            f"step: noise.{name}: found {x}, expected {n} numbers of {law}"
+            for name, x, (low, high, law) in zip(Noise._fields, draws, OF_FIELDS, strict=True)
+            if x.shape != (n,) or not np.all((x >= low) & (x <= high))
+        )
+        raise ValueError(next(wrong))
     return table
-
-
-def _refusal(draws: list[Floats], n: int) -> ValueError:
-    wrong = (
-        f"step: noise.{name}: found {x}, expected {n} numbers of {law}"
-        for name, x, (low, high, law) in zip(Noise._fields, draws, OF_FIELDS, strict=True)
-        if x.shape != (n,) or not np.all((x >= low) & (x <= high))
-    )
-    return ValueError(next(wrong))
 
 
 @compiled

@@ -13,7 +13,7 @@ from ibdata._simulation.carry import begin_lanes
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.environment.settings import Settings
 from ibdata.environment.simulation import Indices, Simulation
-from ibdata.errors import UsageError, excerpt
+from ibdata.errors import UsageError, excerpt, meant
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset
@@ -59,13 +59,17 @@ class Replay(NamedTuple):
     episodes: Indices  # (n,)
 
     @classmethod
-    def asked_for(cls, options: dict[str, Any] | None, settings: Settings, lanes: int) -> Replay | None:
+    def asked_for(cls, options: Any, settings: Settings, lanes: int, *others: str) -> Replay | None:
         """The episodes that the options of `reset` name; None if they name none.
 
-        Raises UsageError if there are no such episodes, or if the settings are not theirs; DatasetError if
-        this ibdata cannot simulate them.
+        Raises UsageError for an option that is none of these or of the others, if there are no such episodes,
+        or if the settings are not theirs; DatasetError if this ibdata cannot simulate them.
         """
-        dataset, episode = ((options or {}).get(name) for name in ("dataset", "episode"))
+        given, known = options or {}, ("dataset", "episode", *others)
+        for name in given:
+            if name not in known:
+                raise UsageError(f"options: found {name!r}{meant(str(name), known)}")
+        dataset, episode = given.get("dataset"), given.get("episode")
         if dataset is None and episode is None:
             return None
         if dataset is None or episode is None:

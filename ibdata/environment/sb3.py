@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
 from ibdata.environment import STEPS
+from ibdata.environment.settings import Fixed
 from ibdata.environment.simulation import Float32s
 from ibdata.environment.streams import refuse_negative
 from ibdata.environment.vector import SAME_STEP, Flags, IndustrialBenchmarkVectorEnv
@@ -23,7 +24,7 @@ except ModuleNotFoundError:
 ONE = "the lanes are one environment; DummyVecEnv over gymnasium.make has one for each"
 
 
-class IndustrialBenchmarkVecEnv(VecEnv):
+class IndustrialBenchmarkVecEnv(Fixed, VecEnv):
     """`num_envs` environments for Stable-Baselines3, which advance together.
 
     It gives the same bits as `DummyVecEnv` over as many environments of `gymnasium.make`, but no hidden

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from functools import partial
+from inspect import signature
 from typing import Any
 
 from ibdata._numerics.arguments import public
@@ -57,6 +58,18 @@ def settings(
         if VARIABLES[variable_of(name)].role == "drift" and not world.drifting:
             raise UsageError(f"observe: found {name}, which only a moving setpoint has; leave it out")
     return Settings(world, first, checked_length(history), options, discrete_actions)
+
+
+SETTINGS = signature(settings).parameters.keys()
+
+
+class Fixed:
+    """What has the settings with which it was made. A subclass may have attributes of their names."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in SETTINGS and type(self).__module__.startswith(__package__):
+            raise UsageError(f"{name}: found a new value, expected it where an environment is made: {name}=…")
+        super().__setattr__(name, value)
 
 
 def consumption_bounds(variant: Variant) -> tuple[float, float]:

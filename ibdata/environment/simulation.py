@@ -117,7 +117,7 @@ class Simulation:
         values: dict[str, npt.NDArray[Any]] = {}
         if self._clean:
             observed = self._true_values()
-            values = {name: observed[:, i].copy() for name, i in self._clean.items()}
+            values = {name: observed[:, i].astype(np.float64) for name, i in self._clean.items()}
         if self.settings.view.cost is not None:
             values["cost"] = self._cost.copy()
         return values

@@ -12,7 +12,7 @@ from ibdata._numerics.random import Purpose, Raw
 from ibdata.dynamics import State
 from ibdata.environment.actions import continuous_action, discrete_action
 from ibdata.environment.replayed import Noise, Replay
-from ibdata.environment.settings import settings
+from ibdata.environment.settings import Fixed, settings
 from ibdata.environment.simulation import Indices, Lane
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import refuse_negative
@@ -24,7 +24,7 @@ import gymnasium as gym  # isort: skip
 Observation = npt.NDArray[np.float32]
 
 
-class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
+class IndustrialBenchmarkEnv(Fixed, gym.Env[Observation, npt.NDArray[np.float32]]):
     """The Industrial Benchmark as a Gymnasium environment.
 
     It never terminates; `gymnasium.make` adds a limit of steps, which truncates episodes. Observations are
@@ -37,8 +37,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         setpoint: a number, by default 70; "drifting" (starts at 50), or {"drifting": a number}.
         dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
-        history: the number of observations returned together, those of a burn-in too; those before the first
-            one repeat it.
+        history: the number of observations returned together, of a burn-in too; the first one is repeated.
         view: what is seen and rewarded, as the options of a view (docs/views.md), such as
             {"reward_scale": 0.01}. The classic reward is -consumption - 3 · fatigue of the new state.
         discrete_actions: whether actions are whole numbers from 0 to 26, which name a change of -1, 0 or 1 of
@@ -57,7 +56,7 @@ class IndustrialBenchmarkEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise UsageError(f"render_mode: found {render_mode!r}, expected rgb_array or None")
         chosen = settings(**options)
-        self.render_mode, self.view = render_mode, chosen.view
+        self.render_mode, self.__dict__["view"] = render_mode, chosen.view
         self.observation_space, self.action_space = spaces(chosen)
         self._checked = discrete_action if chosen.discrete_actions else continuous_action
         self._lane = Lane(chosen)

@@ -15,7 +15,7 @@ from ibdata.dynamics import State
 from ibdata.environment import STEPS
 from ibdata.environment.actions import continuous_actions, discrete_actions
 from ibdata.environment.replayed import Replay
-from ibdata.environment.settings import settings
+from ibdata.environment.settings import Fixed, settings
 from ibdata.environment.simulation import Float32s, Indices, Simulation
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams, refuse_negative
@@ -35,7 +35,7 @@ def _mode_of_gymnasium(mode: str) -> Any:
     return mode if modes is None else modes(mode)
 
 
-class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.NDArray[Any]]):
+class IndustrialBenchmarkVectorEnv(Fixed, gym.vector.VectorEnv[Float32s, Float32s, npt.NDArray[Any]]):
     """`num_envs` environments, the lanes, which advance together.
 
     With the seed s, lane i gives the same bits as an `IndustrialBenchmarkEnv` with the seed s + i. The
@@ -75,7 +75,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
         chosen = settings(**options)
         self.autoreset_mode = _mode_of_gymnasium(mode)  # as Gymnasium's loops have it; TorchRL reads it there
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
-        self.num_envs, self.view = num_envs, chosen.view
+        self.num_envs, self.__dict__["view"] = num_envs, chosen.view
         self.single_observation_space, self.single_action_space = spaces(chosen)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -117,7 +117,7 @@ class IndustrialBenchmarkVectorEnv(gym.vector.VectorEnv[Float32s, Float32s, npt.
             DatasetError: this ibdata cannot simulate the dataset again.
         """
         mask = self._mask((options or {}).get("reset_mask"))
-        replay = Replay.asked_for(options, self._simulation.settings, self.num_envs)
+        replay = Replay.asked_for(options, self._simulation.settings, self.num_envs, "reset_mask")
         first = 0 if seed is None else seed
         seeds = first if isinstance(first, Sequence) else range(first, first + self.num_envs)
         if len(seeds) != self.num_envs:

@@ -58,7 +58,7 @@ def play(
     """
     per_policy, n = len(scenario.points), scenario.episodes
     out, clipped = np.empty((3, len(cells), n)), np.zeros(len(cells))
-    columns, notes = len(view.frame(scenario.drifting)), []
+    columns, rows, notes = len(view.frame(scenario.drifting)), record_rows(rewarded(view)), []
     for first_cell in range(0, len(cells), per_policy):
         those = slice(first_cell, first_cell + per_policy)
         alone = [cells[first_cell].policy]  # one at a time, so that their modules never meet
@@ -68,7 +68,11 @@ def play(
                 cell = dataclasses.replace(cells[number], policy=policy)
                 for first in range(0, n, LANES):
                     part = slice(first, min(first + LANES, n))
-                    *returns, count = _returns(scenario, cell, number, part, discount, advance, view)
+                    episodes = _paired(scenario, cell, number, np.arange(part.start, part.stop))
+                    carry = begin(episodes, observed_rows(view, scenario.drifting))
+                    observe = _through(view, episodes, carry)
+                    blocks = unroll(episodes, carry, rows, scenario.steps, observe=observe)
+                    *returns, count = returns_of(blocks, discount, advance, view)
                     out[0, number, part], out[1, number, part], out[2, number, part] = returns
                     clipped[number] += count / (n * scenario.steps)
             notes.append([*notes_on(policy, view), *at_setpoints, *burn_in_notes(policy, scenario)])
@@ -109,39 +113,14 @@ def returns_of(
     return Returns(discounted, undiscounted, costs, clipped)
 
 
-def _returns(
-    scenario: Scenario,
-    cell: Cell,
-    number: int,
-    part: slice,
-    discount: float,
-    advance: Advance,
-    view: ViewOptions,
-) -> Returns:
-    """The returns of some episodes of a cell with this number."""
-    episodes = _paired(scenario, cell, number, np.arange(part.start, part.stop))
-    seen = observed_rows(view, scenario.drifting)
-    carry, rows = begin(episodes, seen), record_rows(rewarded(view))
-    blocks = unroll(episodes, carry, rows, scenario.steps, observe=_through(view, episodes, carry, seen))
-    return returns_of(blocks, discount, advance, view)
-
-
 def _paired(scenario: Scenario, cell: Cell, number: int, index: Ints) -> Episodes:
     """Episodes of a cell in which the environment's random numbers do not depend on the policy."""
-    keys, policy_keys = (
-        np.tile(stream_key(scenario.seed, digest), (len(index), 1)) for digest in _digests(cell)
-    )
-    setpoint, number_in_messages = np.full(len(index), cell.setpoint), number * scenario.episodes + index
+    n, number_in_messages = len(index), number * scenario.episodes + index
+    keys, policy_keys = (np.tile(stream_key(scenario.seed, digest), (n, 1)) for digest in _digests(cell))
     return Episodes(
-        scenario.world,
-        cell.policy,
-        cell.label,
-        keys=keys,
-        policy_keys=policy_keys,
-        index=index,
-        setpoint=setpoint,
-        number=number_in_messages,
-    )
+        scenario.world, cell.policy, cell.label, keys, policy_keys, index,
+        setpoint=np.full(n, cell.setpoint), number=number_in_messages,
+    )  # fmt: skip
 
 
 def _digests(cell: Cell) -> tuple[bytes, bytes]:
@@ -151,13 +130,12 @@ def _digests(cell: Cell) -> tuple[bytes, bytes]:
     return form_digest(common), form_digest(form)
 
 
-def _through(
-    view: ViewOptions, episodes: Episodes, carry: Carry, rows: Ints
-) -> Callable[[Observed], Observed] | None:
+def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[Observed], Observed] | None:
     """What a policy made of a user's object sees: the frames of the view. Other policies see no view."""
     history, drifting = episodes.policy.needs.history, episodes.world.drifting
     if view.is_classic or not isinstance(episodes.policy, ObjectPolicy) or history == 0:
         return None
+    rows = observed_rows(view, drifting)
     window = Window(view, drifting, len(episodes), history)
     window.begin(episodes.lanes, values_of(carry.state, rows), episodes.index, carry.burn_in)
 

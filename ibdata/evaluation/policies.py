@@ -222,10 +222,7 @@ def burn_in_notes(policy: Policy, scenario: Scenario) -> Iterator[str]:
     """What says that a trained policy sees frames which no row of a dataset has, in a line."""
     trained = any(policy.everywhere(UserObject)) or any(policy.everywhere(Network))
     if trained and policy.needs.history > 1 and not isinstance(scenario.world.start, str):
-        yield (
-            "its first histories hold frames of the burn-in; where it learned from a dataset, `arrays` and "
-            "`windows` repeated the first row's frame there"
-        )
+        yield "its first histories show the burn-in; in `arrays` and `windows` they repeat the first row"
 
 
 def _scalings(policy: Policy) -> Iterator[dict[str, Any]]:

@@ -143,11 +143,9 @@ def _law(state: State, actions: npt.NDArray[Any], variant: Variant) -> Floats:
             k,
         )
         mean = 1.0 - cdf @ weights
-        variance = 1.0 - 2.0 * (cdf @ (weights * x)) - mean**2
+        deviation = np.sqrt((1.0 - 2.0 * (cdf @ (weights * x)) - mean**2).clip(0.0))
         absolute = np.minimum(cdf, 1.0 - cdf) @ weights
-        moments = np.column_stack(
-            [1.0 + 2.0 * mean, 2.0 * np.sqrt(np.maximum(variance, 0.0)), 2.0 * absolute]
-        )
+        moments = np.column_stack([1.0 + 2.0 * mean, 2.0 * deviation, 2.0 * absolute])
         out[part, :, 0] = after.basic_fatigue[part, None] / 3.0 * moments
     return out
 

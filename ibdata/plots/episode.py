@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from ibdata.plots.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, RED, pixels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SIZE = (9.0, 6.0)
 SHORTEST = 50  # least length of the axis in steps, so that it does not change at every step

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,22 +26,13 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 LEAST = math.ulp(0.0)
-
-
-class Kind(NamedTuple):
-    """A kind of imperfection: its numbers for a column. With these, all measurements are finite."""
-
-    least: float
-    most: float
-    expected: str  # both in words
-    within: bool  # whether all that it shows is a true value, and so within the bounds of the column
-
-
+# The least and the greatest number for a column, and both in words. With these, all measurements are finite.
+# And whether all that is shown is a true value, which is within the bounds of the column.
 KINDS = {
-    "delay": Kind(1, 1000, "a whole number of steps, 1 to 1000", within=True),
-    "noise": Kind(LEAST, 1e30, "a standard deviation above 0 and at most 1e+30", within=False),
-    "quantise": Kind(1e-30, sys.float_info.max, "a step of at least 1e-30", within=False),
-    "missing": Kind(LEAST, 1.0, "a probability above 0 and at most 1", within=True),
+    "delay": (1, 1000, "a whole number of steps, 1 to 1000", True),
+    "noise": (LEAST, 1e30, "a standard deviation above 0 and at most 1e+30", False),
+    "quantise": (1e-30, sys.float_info.max, "a step of at least 1e-30", False),
+    "missing": (LEAST, 1.0, "a probability above 0 and at most 1", True),
 }
 NOTHING: Mapping[str, Any] = {}
 # The variables whose random numbers come from one stream, by their index: this list never changes. Any other
@@ -81,10 +72,6 @@ class Imperfections:
         """The columns that are measured imperfectly."""
         return tuple(dict.fromkeys(name for kind in KINDS for name in getattr(self, kind)))
 
-    def within(self, column: str) -> bool:
-        """Whether all measurements of a column are within its bounds."""
-        return all(kind.within for name, kind in KINDS.items() if column in getattr(self, name))
-
     def plain(self) -> dict[str, Any]:
         """The imperfections as users give them; empty if there are none."""
         if not self:
@@ -97,9 +84,9 @@ NONE = Imperfections()
 
 
 class Measurement:
-    """The imperfections of k columns."""
+    """The imperfections of k columns, in episodes or in their burn-in."""
 
-    def __init__(self, imperfections: Imperfections, columns: tuple[str, ...]) -> None:
+    def __init__(self, imperfections: Imperfections, columns: tuple[str, ...], burn_in: bool = False) -> None:
         def per_column(values: Mapping[str, float]) -> Floats:
             return np.array([values.get(name, 0.0) for name in columns])
 
@@ -107,7 +94,7 @@ class Measurement:
         self._noise = per_column(imperfections.noise)
         self._quantum = per_column(imperfections.quantise)
         self._missing = per_column(imperfections.missing)
-        self._seed = imperfections.seed
+        self._seed, self._burn_in = imperfections.seed, burn_in
         self._streams: dict[bytes, list[tuple[int, int]]] = {}  # the columns of each, and their index in it
         for column, name in enumerate(map(variable_of, columns)):
             is_together = name in TOGETHER
@@ -128,15 +115,12 @@ class Measurement:
         latest = np.maximum.accumulate(np.where(lost, 0, times), axis=0)
         return np.take_along_axis(arrived, latest, axis=0), lost
 
-    def step(
-        self, delayed: Float32s, numbers: npt.NDArray[np.int64], time: int, burn_in: bool
-    ) -> tuple[Float32s, Flags]:
+    def step(self, delayed: Float32s, numbers: npt.NDArray[np.int64], time: int) -> tuple[Float32s, Flags]:
         """Measure the delayed true values (n, k) of episodes with these numbers (n,) at one time.
 
-        The times of the burn-in are counted from its first step. Returns the values (n, k), and flags (n, k)
-        of those that do not arrive and are of no use.
+        Returns the values (n, k), and flags (n, k) of those that do not arrive and are of no use.
         """
-        arrived, lost = self._measure(delayed, *self._draw(numbers, time, 1, burn_in))
+        arrived, lost = self._measure(delayed, *self._draw(numbers, time, 1))
         return arrived, lost & (time > 0)
 
     def _measure(self, delayed: Float32s, normal: Floats, uniform: Floats) -> tuple[Float32s, Flags]:
@@ -147,16 +131,14 @@ class Measurement:
         lost = np.broadcast_to(uniform < self._missing, delayed.shape).copy()
         return values.astype(np.float32), lost
 
-    def _draw(
-        self, numbers: npt.NDArray[np.int64], time: int, times: int, burn_in: bool = False
-    ) -> tuple[Floats, Floats]:
+    def _draw(self, numbers: npt.NDArray[np.int64], time: int, times: int) -> tuple[Floats, Floats]:
         """Normal and uniform numbers (times, k) of one episode, or (n, k) of n episodes at one time."""
         if not self._random:
             return np.zeros(1), np.ones(1)
         # Imported here, because other views need nothing compiled.
         from ibdata._numerics.random import Purpose, integers, normals_of, slots, stream_key, uniforms
 
-        purpose = Purpose.BURN_IN_MEASUREMENT if burn_in else Purpose.MEASUREMENT
+        purpose = Purpose.BURN_IN_MEASUREMENT if self._burn_in else Purpose.MEASUREMENT
         out = np.empty((2, times * len(numbers), len(self.delay)))
         for stream, places in self._streams.items():
             keys = np.tile(stream_key(self._seed, stream), (len(numbers), 1))
@@ -187,10 +169,10 @@ def _checked(
     seed: int = 0,
 ) -> Imperfections:
     kinds = (delay, noise, quantise, missing)
-    for (name, kind), numbers in zip(KINDS.items(), kinds, strict=True):
+    for (name, (least, most, expected, _)), numbers in zip(KINDS.items(), kinds, strict=True):
         for column, number in numbers.items():
-            if not kind.least <= number <= kind.most:
-                raise UsageError(f"{name}: {column}: found {number}, expected {kind.expected}")
+            if not least <= number <= most:
+                raise UsageError(f"{name}: {column}: found {number}, expected {expected}")
     if not 0 <= seed < 2**64:
         raise UsageError(f"seed: found {seed}, expected a whole number in [0, 2^64)")
     noise, quantise, missing = ({name: float(x) for name, x in kind.items()} for kind in kinds[1:])

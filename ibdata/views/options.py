@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,7 +14,7 @@ import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
 from ibdata.errors import UsageError, suggestion
-from ibdata.views.imperfections import NONE, Imperfections, Measurement, imperfections_of
+from ibdata.views.imperfections import KINDS, NONE, Imperfections, Measurement, imperfections_of
 from ibdata.views.rewards import CLASSIC, Cost, Reward, cost_of, reward_of
 from ibdata.views.variables import VARIABLES, of_role, variable_of
 
@@ -166,7 +168,8 @@ def bounds_of(
     for name in options.columns(drifting):
         variable = VARIABLES[variable_of(name)]
         exact = consumption if name == "obs_consumption" else (variable.low, variable.high)
-        bounds.append(exact if options.imperfections.within(name) else (None, None))
+        troubles = [kind for kind in KINDS if name in getattr(options.imperfections, kind)]
+        bounds.append(exact if all(KINDS[kind][-1] for kind in troubles) else (None, None))
     flags, actions = len(options.flagged(drifting)), len(ACTIONS) * options.actions
     return [*bounds, *[(0.0, 1.0)] * flags, *[(-1.0, 1.0)] * actions]
 
@@ -175,16 +178,19 @@ Float32s = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
 
-# A step of a burn-in: which episodes made it (k,), their values before it (k, columns), their actions (k, 3).
-BurnInStep = tuple[Indices, Float32s, Float32s]
+# Steps of a burn-in: which episodes made it (k,), their values before it (k, columns), their actions (k, 3).
+BurnIn = Sequence[tuple[Indices, Float32s, Float32s]]
 
 
 class Window:
     """The last `history` frames of n lanes through a view. Before the first one, that one is repeated."""
 
-    def __init__(self, options: ViewOptions, drifting: bool, n: int, history: int) -> None:
+    def __init__(
+        self, options: ViewOptions, drifting: bool, n: int, history: int, burn_in: bool = False
+    ) -> None:
         columns = options.columns(drifting)
-        self._measurement = Measurement(options.imperfections, columns)
+        self._of_burn_in = partial(Window, options, drifting, history=history, burn_in=True)
+        self._measurement = Measurement(options.imperfections, columns, burn_in)
         self._flagged = [columns.index(name) for name in options.flagged(drifting)]
         self._actions = options.actions
         self._numbers, self._times = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
@@ -193,42 +199,29 @@ class Window:
         self._arrived = np.zeros((n, len(columns)), dtype=np.float32)
         self.frames = np.zeros((n, history, len(options.frame(drifting))), dtype=np.float32)
 
-    def begin(
-        self, lanes: Indices, clean: Float32s, numbers: Indices, burn_in: Sequence[BurnInStep] = ()
-    ) -> None:
-        """Begin episodes with these numbers (k,) and true values `clean` (k, columns) in some lanes.
+    def begin(self, lanes: Indices, clean: Float32s, numbers: Indices, burn_in: BurnIn = ()) -> None:
+        """Begin episodes with these numbers (k,) and true values `clean` (k, columns), after a burn-in."""
+        self._numbers[lanes], self._times[lanes] = numbers, 0
+        self._clean[lanes] = clean[:, None]
+        actions = np.zeros((len(lanes), len(ACTIONS)), dtype=np.float32)
+        self.frames[lanes] = self._frame(lanes, actions)[:, None]
+        if burn_in:
+            some, first, _ = burn_in[0]
+            past = self._of_burn_in(n=len(lanes))
+            past.begin(some, first, numbers[some])
+            for (before, _, actions), (which, values, _) in pairwise(burn_in):
+                past.push(which, values, actions[np.isin(before, which)])
+            self.frames[lanes[some], 1:] = past.frames[some, :-1]
 
-        The frames of their burn-in come before the first one, which does not depend on them.
-        """
-        self._numbers[lanes] = numbers
-        before = np.zeros((len(lanes), len(ACTIONS)), dtype=np.float32)
-        burnt_in = lanes[:0]
-        for which, values, actions in burn_in:
-            if not len(burnt_in):
-                burnt_in = lanes[which]
-                self._first(burnt_in, values, burn_in=True)
-            else:
-                self.push(lanes[which], values, before[which], burn_in=True)
-            before[which] = actions
-        past = self.frames[burnt_in, :-1]
-        self._first(lanes, clean)
-        self.frames[burnt_in, 1:] = past
-
-    def _first(self, lanes: Indices, clean: Float32s, burn_in: bool = False) -> None:
-        """Repeat the first frame of some lanes."""
-        self._times[lanes], self._clean[lanes] = 0, clean[:, None]
-        nothing = np.zeros((len(lanes), len(ACTIONS)), dtype=np.float32)
-        self.frames[lanes] = self._frame(lanes, nothing, burn_in)[:, None]
-
-    def push(self, lanes: Indices, clean: Float32s, actions: Float32s, burn_in: bool = False) -> None:
+    def push(self, lanes: Indices, clean: Float32s, actions: Float32s) -> None:
         """Add the frame of some lanes after a step with the actions (k, 3)."""
         self._times[lanes] += 1
         self._clean[lanes, 1:] = self._clean[lanes, :-1]
         self._clean[lanes, 0] = clean
         self.frames[lanes, 1:] = self.frames[lanes, :-1]
-        self.frames[lanes, 0] = self._frame(lanes, actions, burn_in)
+        self.frames[lanes, 0] = self._frame(lanes, actions)
 
-    def _frame(self, lanes: Indices, actions: Float32s, burn_in: bool) -> Float32s:
+    def _frame(self, lanes: Indices, actions: Float32s) -> Float32s:
         """The newest frame of some lanes."""
         delay = self._measurement.delay
         delayed = self._clean[lanes[:, None], delay, np.arange(len(delay))]
@@ -237,7 +230,7 @@ class Window:
         for time in np.unique(self._times[lanes]).tolist():  # lanes at one time are measured together
             rows = np.flatnonzero(self._times[lanes] == time)
             numbers = self._numbers[lanes[rows]]
-            arrived[rows], lost[rows] = self._measurement.step(delayed[rows], numbers, time, burn_in)
+            arrived[rows], lost[rows] = self._measurement.step(delayed[rows], numbers, time)
         self._arrived[lanes] = np.where(lost, self._arrived[lanes], arrived)
         parts = [self._arrived[lanes], lost[:, self._flagged], actions[:, : len(ACTIONS) * self._actions]]
         return np.concatenate(parts, axis=1, dtype=np.float32)

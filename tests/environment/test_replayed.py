@@ -145,6 +145,8 @@ def test_a_replay_through_a_view_shows_its_rows(played, view):
     ("options", "lanes", "message"),
     [
         ({"episode": 3}, 1, "options: found only one of dataset and episode, expected both or neither"),
+        ({"episod": 3}, 1, "options: found 'episod'; did you mean 'episode'?"),
+        ({"reset_mask": 3}, 1, "options: found 'reset_mask', expected one of dataset, episode"),
         ({"dataset": 3, "episode": 3}, 1, "dataset: found 3, expected a Dataset, or its folder or URL"),
         ({"episode": 12}, 1, "episode: found 12, expected one of 0 to 11"),
         ({"episode": "last"}, 1, "episode: found 'last', expected whole numbers"),
@@ -157,7 +159,7 @@ def test_options_that_cannot_be_meant_are_one_line(dataset, options, lanes, mess
     with pytest.raises(UsageError) as caught:
         Replay.asked_for(given, settings(), lanes)
     assert str(caught.value).startswith(message)
-    assert Replay.asked_for({"reset_mask": np.ones(1, dtype=bool)}, settings(), 1) is None
+    assert Replay.asked_for({"reset_mask": np.ones(1, dtype=bool)}, settings(), 1, "reset_mask") is None
 
 
 def test_settings_of_other_episodes_are_refused(dataset, moving, uniform):

@@ -77,7 +77,7 @@ def test_parts_of_a_mixin():
     class Quiet:
         updateCost = part
 
-    with pytest.raises(UsageError, match=r"Quiet.updateCost: found "):
+    with pytest.raises(UsageError, match=r"Both.updateCost: found "):
 
         class Both(Quiet, IDS):
             pass

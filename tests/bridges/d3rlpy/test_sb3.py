@@ -26,6 +26,7 @@ SETTINGS = (
     {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "view": {"reward_scale": 0.1}},
     {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
     {"view": {"actions": True, "reward": "delta", "imperfections": {"missing": {"obs_fatigue": 0.5}}}},
+    {"start": {"burn_in": [0, 9]}, "history": 4, "view": {"imperfections": {"noise": {"obs_fatigue": 1.0}}}},
 )
 
 

@@ -13,11 +13,13 @@ pytestmark = pytest.mark.portable
 ID = "ibdata/IndustrialBenchmark-v0"
 STEPS = 30  # three episodes: past the integers that are read ahead
 LANES = 3
+TROUBLES = {"delay": {"obs_gain": 2}, "missing": {"obs_fatigue": 0.5}, "noise": {"obs_velocity": 1.0}}
 SETTINGS = (
     {"setpoint": 70},
     {"setpoint": "drifting", "start": {"burn_in": [0, 9]}, "history": 2, "view": {"reward_scale": 0.1}},
     {"start": "uniform", "dynamics": "paper", "discrete_actions": True},
     {"view": {"reward": "delta", "actions": True, "cost": {"fatigue": 30}}},
+    {"start": {"burn_in": [0, 9]}, "history": 4, "view": {"actions": True, "imperfections": TROUBLES}},
 )
 HAS_MODES = hasattr(gymnasium.vector, "AutoresetMode")  # 1.0 knows NextStep only, without the name
 
