@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata.dynamics.consumption import PENALTY_WEIGHT
+from ibdata.dynamics.variants import VARIANTS, Variant
 from ibdata.views.variables import FIRST_WHOLE, ROWS, VARIABLES, of_role, rows
 
 Floats = npt.NDArray[np.float64]
@@ -17,6 +19,7 @@ NO_DRIFT = -1  # the steps left of a constant setpoint
 COSTS = slice(THETA, THETA + 10)
 # The attributes of a state; the ten costs are one array.
 FIELDS = tuple(dict.fromkeys("operational_cost" if name.startswith("theta_") else name for name in VARIABLES))
+SAME_OFFSET = 1e-3  # between consumption offsets, in a state that was rounded to float32
 FINITE = float(np.finfo(np.float64).max)
 # The next step does not use these, so they need only be finite.
 UNREAD = {"fatigue", "consumption", "reward", *of_role("derived")}
@@ -134,8 +137,12 @@ def initial_state(
     return state
 
 
-def checked_state(state: State) -> State:
-    """A copy of the state. Raises ValueError if a variable is out of its range, or no whole number."""
+def checked_state(state: State, variant: Variant) -> State:
+    """A copy of the state, which a variant is to play.
+
+    Raises ValueError if a variable is out of its range or no whole number, or if ĉ = θᶜ + 25 (m + offset)
+    holds for another published variant.
+    """
     values = np.array(state.values, dtype=np.float64, order="C")
     if values.ndim != 2 or len(values) != len(ROWS):
         raise ValueError(f"step: state: found shape {values.shape}, expected ({len(ROWS)}, lanes)")
@@ -149,7 +156,17 @@ def checked_state(state: State) -> State:
     if not whole.all():
         row = FIRST_WHOLE + int(np.argmin(whole))
         raise ValueError(f"step: state.{ROWS[row]}: found {values[row]}, expected whole numbers")
-    return State(values)
+    checked = State(values)
+    c_hat = checked.expected_consumption  # 0 before the first step, and where somebody made the state
+    offset = (c_hat - checked.convolved_cost) / PENALTY_WEIGHT - checked.penalty
+    for dynamics, other in VARIANTS.items():
+        is_other = (np.abs(offset - other.consumption_offset) < SAME_OFFSET) & (c_hat != 0.0)
+        if is_other.any() and variant.consumption_offset != other.consumption_offset:
+            raise ValueError(
+                f"step: found a state of the dynamics {dynamics}, expected one of those that play it; "
+                f'choose "{dynamics}", for rollouts ("{dynamics}", state)'
+            )
+    return checked
 
 
 def _bounds(variable: str) -> tuple[float, float]:

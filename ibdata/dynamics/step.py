@@ -68,7 +68,7 @@ def step(state: State, action: npt.ArrayLike, noise: Noise, variant: Variant | s
     Raises:
         ValueError: state, action or noise is not finite, out of range, or of the wrong length.
     """
-    new = checked_state(state)
+    new = checked_state(state, resolve(variant))
     actions = np.array(action, dtype=np.float64)
     if actions.shape != (new.lanes, 3):
         raise ValueError(f"step: action: found shape {actions.shape}, expected ({new.lanes}, 3)")

@@ -13,7 +13,7 @@ from ibdata._numerics.naming import counted
 from ibdata._numerics.random import Purpose, Raw
 from ibdata._simulation import kernel
 from ibdata._simulation.carry import Carry, begin_lanes
-from ibdata._simulation.episodes import Draw, hidden, observed_rows, record_rows, values_of
+from ibdata._simulation.episodes import Draw, World, hidden, observed_rows, record_rows, values_of
 from ibdata.dynamics import State, initial_state
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.dynamics.state import checked_state
@@ -67,7 +67,7 @@ class Simulation:
 
     def set_state(self, proposed: State, which: Indices, draw: Draw) -> None:
         """Go on from a state of k lanes in these lanes (k,). Raises UsageError if it is no such state."""
-        state = _fitting(proposed, len(which), self.settings.world.drifting)
+        state = _fitting(proposed, len(which), self.settings.world)
         self.place(which, Carry.at(state, self.needs), self._numbers(which, draw))
 
     def place(self, which: Indices, carry: Carry, numbers: Indices) -> None:
@@ -150,22 +150,22 @@ def _without_actions(carry: Carry) -> Carry:
     return dataclasses.replace(carry, actions=carry.actions[:, :0])
 
 
-def _fitting(proposed: Any, lanes: int, drifting: bool) -> State:
+def _fitting(proposed: Any, lanes: int, world: World) -> State:
     """A copy of a state of so many lanes, whose setpoints move or do not."""
     if not isinstance(proposed, State):
         raise UsageError(
             f"set_state: found {type(proposed).__name__}, expected a State as of ibdata.state_at"
         )
     try:
-        state = checked_state(proposed)
+        state = checked_state(proposed, world.variant)
     except ValueError as error:
         raise UsageError(f"set_state: {str(error).removeprefix('step: ')}") from None
     moves = state.drift_left >= 0
     if len(moves) != lanes:
         kind, expected = counted(len(moves), "lane"), counted(lanes, "lane")
         raise UsageError(f"set_state: found a state of {kind}, expected a state of {expected}")
-    if (moves != drifting).any():
-        kind, option = ("a constant", "a number") if drifting else ("a moving", '"drifting"')
+    if (moves != world.drifting).any():
+        kind, option = ("a constant", "a number") if world.drifting else ("a moving", '"drifting"')
         raise UsageError(
             f"set_state: found a state of {kind} setpoint; make the environment with setpoint={option}"
         )

@@ -21,7 +21,7 @@ from ibdata.policies import Observed
 from ibdata.policies.distributions import read_only
 from ibdata.policies.user_object import ObjectPolicy
 from ibdata.views.options import PLAIN, ViewOptions, Window
-from ibdata.views.rewards import COSTS
+from ibdata.views.rewards import COSTS, scaled
 from ibdata.views.variables import variable_of
 
 Floats = npt.NDArray[np.float64]
@@ -147,10 +147,9 @@ def _through(view: ViewOptions, episodes: Episodes, carry: Carry) -> Callable[[O
     return observe
 
 
-def rewards_of(record: Floats, view: ViewOptions) -> Floats:
-    """The rewards (steps, n), from recorded rewards or costs (1 or 2, steps + 1, n)."""
+def rewards_of(record: Floats, view: ViewOptions, scale: float = 1.0) -> Floats:
+    """The scaled rewards (steps, n), from recorded rewards or costs (1 or 2, steps + 1, n)."""
     if len(record) == 1:
-        rewards: Floats = record[0, 1:]
-        return rewards
+        return scaled(record[0, 1:], scale)
     costs = record.astype(np.float32)
-    return view.reward.of(tuple(costs[:, :-1]), tuple(costs[:, 1:]), 1.0).astype(np.float64)
+    return view.reward.of(tuple(costs[:, :-1]), tuple(costs[:, 1:]), scale).astype(np.float64)

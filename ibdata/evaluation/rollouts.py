@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
 from ibdata._numerics.random import Purpose, Raw, stream_key
+from ibdata._simulation import addresses
+from ibdata._simulation.addresses import Digests
 from ibdata._simulation.carry import Carry, begin
 from ibdata._simulation.episodes import Episodes, Float32s, Ints, World, observed_rows, record_rows, values_of
 from ibdata._simulation.unroll import LANES, unroll
@@ -22,12 +24,46 @@ from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.play import rewarded, rewards_of
 from ibdata.evaluation.states import WATCHER, Source
 from ibdata.experiment.rollout import episodes_of
-from ibdata.experiment.scenario import form_digest, scenario_of
+from ibdata.experiment.scenario import scenario_of
 from ibdata.policies.distributions import finite_actions
 from ibdata.views.options import View, ViewOptions, Window, view_of
-from ibdata.views.rewards import scaled
 
 RECORDED = "recorded"
+
+
+@dataclasses.dataclass(eq=False)
+class Lanes:
+    """Where n lanes are, where their noise goes on, and what was seen of them."""
+
+    worlds: list[World]
+    world: Ints  # (n,): which of these
+    state: State
+    starts: Digests  # of the first states
+    noise: int | str
+    keys: Raw  # (n, 2)
+    index: Ints  # (n,)
+    samples: int  # of each first state
+    step: Ints  # (n,)
+    view: ViewOptions
+    window: Window | None = None  # where a view shows more than the state
+
+    def take(self, lanes: Ints) -> Lanes:
+        """A copy of some lanes, without the window."""
+        taken = dataclasses.replace(self, state=self.state.take(lanes), window=None)
+        for name in ("world", "starts", "keys", "index", "step"):
+            setattr(taken, name, getattr(self, name)[lanes])
+        return taken
+
+    def look(self, states: State, numbers: Ints) -> Window:
+        """What is seen of the lanes (n,), from their latest states (n · times), newest first."""
+        n, drifting = len(self.world), self.worlds[0].drifting
+        window = Window(self.view, drifting, n, 1)
+        clean = values_of(states, observed_rows(self.view, drifting)).reshape(n, states.lanes // n, -1)
+        window.begin(np.arange(n), clean[:, -1], numbers)
+        for age in range(clean.shape[1] - 2, -1, -1):
+            known = np.flatnonzero(self.step > age)
+            window.push(known, clean[known, age], np.zeros((len(known), 3), np.float32))
+        return window
 
 
 class Rollouts(NamedTuple):
@@ -39,8 +75,7 @@ class Rollouts(NamedTuple):
     rewards: Float32s  # (n, k, samples, h)
     observations: Float32s  # (n, k, samples, h, columns), after each action
     state: State
-    world: World | None  # in which further rollouts go on; None if the starts had several dynamics
-    steps: int  # played so far, after which the noise goes on
+    lanes: Lanes  # from which further rollouts go on
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,25 +89,12 @@ class Noisy(Episodes):
         return len(self.unit)
 
     def draw(self, lanes: Ints, purpose: Purpose, step: int, steps: int, slots: int) -> Raw:
-        """The integers (steps, slots, lanes) at the addresses of these lanes."""
-        units, lane_units = np.unique(self.unit[lanes], return_inverse=True)
-        out = np.empty((steps, slots, len(units)), dtype=np.uint64)
-        for first in np.unique(self.first_step[units]).tolist():
-            here = np.flatnonzero(self.first_step[units] == first)
-            out[:, :, here] = super().draw(units[here], purpose, first + step, steps, slots)
-        return out if len(units) == len(lanes) else out[:, :, lane_units]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Begun:
-    """m starts of one world: their numbers, where they are, and the addresses of their noise."""
-
-    world: World
-    numbers: Ints  # (m,), among all starts
-    carry: Carry
-    keys: Raw  # (m, 2)
-    index: Ints  # (m,)
-    first_step: Ints  # (m,)
+        """The integers (steps, slots, lanes) at the addresses of all lanes."""
+        out = np.empty((steps, slots, len(self.index)), dtype=np.uint64)
+        for first in np.unique(self.first_step).tolist():
+            here = np.flatnonzero(self.first_step == first)
+            out[:, :, here] = super().draw(here, purpose, first + step, steps, slots)
+        return out[:, :, self.unit]
 
 
 @public
@@ -82,26 +104,30 @@ def rollouts(
     *,
     rows: Any = None,
     samples: int = 1,
-    noise: int | str = 0,
+    noise: int | str | None = None,
     view: View = None,
 ) -> Rollouts:
     """Play sequences of actions from any state: what would have happened.
 
-    The noise of a sample is the same for all k sequences from a start, so their differences are paired. It is
-    independent between starts and between samples, and the same call gives the same bits.
+    The noise is decided by `noise`, the values of the start, its number among equal starts of the call, the
+    sample and the step. So the k sequences from a start share it, and their differences are paired. Starts
+    and samples are independent, in whatever order and calls. A `State` is always a new start.
 
     Args:
         start: The n starts. Either a dataset, its folder or URL, with `rows`; or a `State` of n lanes, as of
             `ibdata.state_at` or an environment's `state`, with the dynamics `siemens`, or ("paper", state);
             or the settings of one start for each setpoint, such as {"setpoint": 70, "start": "uniform",
-            "dynamics": "paper"}; or earlier rollouts, which go on from all their lanes with further noise.
+            "dynamics": "paper"}, drawn by `noise`; or earlier rollouts, all of whose lanes go on, with the
+            next steps of their noise.
         actions: (k, h, 3) for all starts, or (n, k, h, 3); clipped to [-1, 1] and rounded to float32.
         rows: The rows of the dataset before whose actions the rollouts start, as in `state_at`.
         samples: How often each sequence is played, each time with other noise.
-        noise: The seed of the noise; or "recorded", the noise of the dataset's own episodes. With it, the
-            actions of a row give the row that follows, as float32, and other actions the counterfactual.
+        noise: The seed of the noise, by default 0 or that of the earlier rollouts; or "recorded", the noise
+            of the dataset's own episodes. With it, the actions of a row give the row that follows, as
+            float32, and other actions the counterfactual. A planner that has the seed of what is played
+            looks ahead: give it another one.
         view: What is observed and rewarded, as the options of a view (docs/views.md). Imperfections have
-            their own seed.
+            their own seed; they know the rows before a row, and what earlier rollouts showed.
 
     Returns:
         Rewards (n, k, samples, h), observations (n, k, samples, h, columns), and the last states.
@@ -110,127 +136,167 @@ def rollouts(
         UsageError, ConfigError: An argument is invalid, or the dataset has no such row.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    options = view_of(view)
+    options, going_on = view_of(view), isinstance(start, Rollouts)
     if samples < 1:
         raise UsageError(f"samples: found {samples}, expected at least 1")
-    if isinstance(noise, str) and (noise != RECORDED or rows is None or samples != 1):
-        raise UsageError(
-            f"noise: found {noise!r}, expected a seed, or 'recorded' with rows of a dataset and one sample"
-        )
     if options.cost is not None:
         raise UsageError("view: found a cost, which rollouts do not return; leave it out")
-    if not isinstance(noise, str) and noise < 0:
-        raise UsageError(f"noise: found {noise}, expected a seed of at least 0")
-    begun = list(_begun(start, rows, noise))
-    n, drifting = sum(len(part.numbers) for part in begun), begun[0].world.drifting
-    if any(part.world.drifting != drifting for part in begun):
-        raise UsageError("rows: found constant and moving setpoints, expected rows of one kind")
+    if noise is None:
+        noise = start.lanes.noise if going_on else 0
+    if isinstance(noise, str):
+        has_record = rows is not None or (going_on and start.lanes.noise == RECORDED)
+        is_valid = noise == RECORDED and has_record and samples == 1
+    else:
+        is_valid = 0 <= noise < 2**64
+    if not is_valid:
+        expected = "a seed in [0, 2^64), or 'recorded' with rows of a dataset and one sample"
+        raise UsageError(f"noise: found {noise!r}, expected {expected}")
+    if rows is not None:
+        begun = _before_rows(start, rows, noise, options)
+    else:
+        begun = (_after if going_on else _begun)(start, noise, options)
+    n, drifting = len(begun.world), begun.worlds[0].drifting
     played = _applied(actions, n)
     k, h = played.shape[1:3]
-    shape, columns = (n, k, samples, h), len(options.frame(drifting))
-    lane = begun[0].carry.state.values[:, 0].nbytes + 4 * h * (1 + columns)
-    refuse_too_much("samples", lane * n * k * samples)
-    out = Rollouts(
-        np.empty(shape, np.float32),
-        np.empty((*shape, columns), np.float32),
-        State.zeros(n * k * samples),
-        begun[0].world if len({part.world.variant for part in begun}) == 1 else None,
-        h + (start.steps if isinstance(start, Rollouts) else 0),
-    )
-    for part in begun:
-        _play(part, played, samples, options, out)
-    return out
+    shape, columns = (n, k, samples), len(options.frame(drifting))
+    size = begun.state.values[:, 0].nbytes + 4 * (h * (1 + columns) + (1 + _delay(options)) * columns)
+    refuse_too_much("samples", size * n * k * samples)
+    first, _, sample = np.unravel_index(np.arange(n * k * samples), shape)
+    lanes = begun.take(first)
+    lanes.index += begun.samples * sample
+    lanes.samples *= samples
+    if options.imperfections or options.actions:
+        window = begun.window or begun.look(begun.state, _numbers(begun))
+        lanes.window = window.take(first, lanes.step, None if noise == RECORDED else _numbers(lanes))
+    rewards, observations = np.empty((*shape, h), np.float32), np.empty((*shape, h, columns), np.float32)
+    _play(lanes, shape, played, rewards.reshape(-1, h), observations.reshape(-1, h, columns))
+    lanes.step += h
+    return Rollouts(rewards, observations, lanes.state, lanes)
 
 
-def _begun(start: Any, rows: Any, noise: int | str) -> Iterator[Begun]:
-    """The starts, those of one experiment together."""
-    seed = 0 if isinstance(noise, str) else scenario_of(seed=noise).seed
-    key = stream_key(seed, form_digest({"label": "rollout"}))
+def _before_rows(ds: Any, rows: Any, noise: int | str, view: ViewOptions) -> Lanes:
+    """Lanes before rows of a dataset, of which the rows before were seen."""
+    source = Source(whole_dataset(ds).stored)
+    episodes, steps = source.episodes_and_steps(rows)
+    n, times = len(episodes), 1 + (int(steps.max()) if view.imperfections.missing else _delay(view))
+    refuse_too_much("rows", State.zeros(1).values.nbytes * n * times)
+    latest = np.maximum(steps[:, None] - np.arange(times), 0)
+    states = source.carries_at(np.repeat(episodes, times), latest.ravel()).state
+    lanes = _first([], np.empty(n, np.int64), states.take(np.arange(0, n * times, times)), noise, view)
+    for experiment, positions, inner in source.by_experiment(episodes):
+        lanes.world[positions] = len(lanes.worlds)
+        lanes.worlds.append(experiment.scenario.world)
+        if noise == RECORDED:
+            recorded = episodes_of(experiment, inner)
+            lanes.keys[positions], lanes.index[positions] = recorded.keys, recorded.index
+    if len({world.drifting for world in lanes.worlds}) > 1:
+        raise UsageError("rows: found constant and moving setpoints, expected rows of one kind")
+    lanes.step = steps
+    if view.imperfections:
+        lanes.window = lanes.look(states, episodes)
+    if noise != RECORDED:
+        lanes.step = np.zeros_like(steps)
+    return lanes
+
+
+def _after(earlier: Rollouts, noise: int | str, view: ViewOptions) -> Lanes:
+    """The lanes of earlier rollouts, with other noise if it is not theirs."""
+    lanes = earlier.lanes
+    if view.imperfections and view != lanes.view:
+        expected = "that of the earlier rollouts; their state begins anew"
+        raise UsageError(f"view: found another view with imperfections, expected {expected}")
+    keys = lanes.keys if noise == lanes.noise else _keys(noise, lanes.starts)
+    window = lanes.window if view.imperfections else None
+    return dataclasses.replace(lanes, noise=noise, keys=keys, view=view, window=window)
+
+
+def _begun(start: Any, noise: int | str, view: ViewOptions) -> Lanes:
+    """Lanes that begin in a state, or as settings say."""
     dynamics, state = start if isinstance(start, tuple) and len(start) == 2 else ("siemens", start)
-    if rows is not None:
-        source = Source(whole_dataset(start).stored)
-        episodes, steps = source.episodes_and_steps(rows)
-        carry = source.carries_at(episodes, steps)
-        for experiment, positions, inner in source.by_experiment(episodes):
-            recorded, world = episodes_of(experiment, inner), experiment.scenario.world
-            keys, index, first = recorded.keys, recorded.index, steps[positions]
-            if noise != RECORDED:
-                keys, index, first = np.tile(key, (len(inner), 1)), positions, np.zeros_like(positions)
-            yield Begun(world, positions, carry.take(positions), keys, index, first)
-        return
-    first_step = 0
-    if isinstance(start, Rollouts):
-        if start.world is None:
-            raise UsageError("start: found rollouts of several dynamics, expected those of one")
-        world, first_step = start.world, start.steps
-        carry = Carry.at(start.state, WATCHER.needs)
-    elif isinstance(state, State):
+    if isinstance(state, State):
+        world = scenario_of(dynamics=dynamics).world
         try:
-            state = checked_state(state)
+            state = checked_state(state, world.variant)
         except ValueError as error:
             raise UsageError(f"start: {str(error).removeprefix('step: ')}") from None
         moves = state.drift_left >= 0
         if not len(moves) or moves.any() != moves.all():
             raise UsageError("start: expected lanes that all have constant setpoints, or all moving ones")
-        world = dataclasses.replace(scenario_of(dynamics=dynamics).world, drifting=bool(moves.any()))
-        carry = Carry.at(state, WATCHER.needs)
+        world = dataclasses.replace(world, drifting=bool(moves.any()))
     elif isinstance(start, Mapping):
         if unknown := {str(name) for name in start} - {"setpoint", "start", "dynamics"}:
             raise UsageError(f"start: found {min(unknown)}, expected setpoint, start and dynamics")
         scenario = scenario_of(**start)
-        world, setpoints = scenario.world, np.array(scenario.points)
-        lanes, keys = np.arange(len(setpoints)), np.tile(key, (len(setpoints), 1))
-        carry = begin(Episodes(world, WATCHER, WATCHER.label, keys, keys, lanes, setpoints, lanes))
+        world, points = scenario.world, np.array(scenario.points)
+        keys = _keys(noise, addresses.of_starts(points[None]))
+        index = np.zeros(len(points), np.int64)
+        state = begin(Episodes(world, WATCHER, WATCHER.label, keys, keys, index, points, index)).state
     else:
         raise UsageError(
             f"start: found {excerpt(start)}, expected a dataset with rows=, a State, or settings such as "
             "{'setpoint': 70}"
         )
-    numbers = np.arange(carry.state.lanes)
-    keys, first = np.tile(key, (len(numbers), 1)), np.full_like(numbers, first_step)
-    yield Begun(world, numbers, carry, keys, numbers, first)
+    return _first([world], np.zeros(state.lanes, np.int64), state, noise, view)
 
 
-def _play(begun: Begun, actions: Float32s, samples: int, view: ViewOptions, out: Rollouts) -> None:
-    """Play all sequences (n, k, h, 3) from some starts; those of a sample are neighbours, for their noise."""
-    k, h, drifting = actions.shape[1], actions.shape[2], begun.world.drifting
-    paid = record_rows(rewarded(dataclasses.replace(view, cost=None)))
-    seen = observed_rows(view, drifting)
-    total = len(begun.numbers) * samples * k
-    for first in range(0, total, LANES):
-        unit, sequence = np.divmod(np.arange(first, min(first + LANES, total)), k)
-        units = np.arange(unit[0], unit[-1] + 1)  # a unit is a sample from a start, which has one noise
-        of, sample = units // samples, unit % samples
-        starts = begun.numbers[unit // samples]
-        lanes = Noisy(
-            begun.world, WATCHER, WATCHER.label,
-            keys=begun.keys[of], policy_keys=begun.keys[of],
-            index=begun.index[of] * samples + units % samples,
-            setpoint=begun.carry.state.setpoint[of], number=starts,
-            first_step=begun.first_step[of], unit=unit - unit[0],
-        )  # fmt: skip
-        carry = begun.carry.take(unit // samples)
-        numbers = np.ravel_multi_index((starts, sequence, sample), out.rewards.shape[:3])
-        window = Window(view, drifting, len(unit), 1) if view.imperfections or view.actions else None
-        if window is not None:
-            window.begin(lanes.lanes, values_of(carry.state, seen), starts * samples + sample)
-        recorded = np.ascontiguousarray(actions[starts, sequence].transpose(1, 0, 2))
-        for block in unroll(lanes, carry, np.concatenate([paid, seen]), h, recorded=recorded):
-            here = (starts, sequence, sample, slice(block.first, block.stop))
-            rewards = scaled(rewards_of(block.record[: len(paid)], view), view.reward_scale)
-            out.rewards[here] = rewards.T
-            clean = (block.record[len(paid) :, 1:].T + 0.0).astype(np.float32)  # (lanes, steps, columns)
-            out.observations[here] = clean if window is None else _frames(window, clean, block.actions)
-        out.state.put(numbers, carry.state)
+def _first(worlds: list[World], world: Ints, state: State, noise: int | str, view: ViewOptions) -> Lanes:
+    """Lanes whose noise begins in this state."""
+    starts, zeros = addresses.of_starts(state.values), np.zeros(state.lanes, np.int64)
+    return Lanes(worlds, world, state, starts, noise, _keys(noise, starts), zeros, 1, zeros, view)
 
 
-def _frames(window: Window, clean: Float32s, actions: Float32s) -> Float32s:
-    """The frames (lanes, steps, columns) that follow actions (steps, lanes, 3), from the true values."""
-    frames, everyone = [], np.arange(len(clean))
-    for t, taken in enumerate(actions):
-        window.push(everyone, clean[:, t], taken)
-        frames.append(window.frames[:, 0].copy())
-    return np.stack(frames, axis=1)
+def _keys(noise: int | str, starts: Digests) -> Raw:
+    """The keys (n, 2) of the noise from starts; of recorded noise, which has its own, any."""
+    seed = 0 if isinstance(noise, str) else noise
+    return np.array([stream_key(seed, start.tobytes()) for start in starts])
+
+
+def _numbers(lanes: Lanes) -> Ints:
+    """Random numbers (n,) of episodes, for the addresses of measurements."""
+    numbers: Ints = (lanes.keys[:, 0] >> np.uint64(2)).astype(np.int64) + lanes.index
+    return numbers
+
+
+def _delay(view: ViewOptions) -> int:
+    """The most steps by which a measurement is late."""
+    return max(view.imperfections.delay.values(), default=0)
+
+
+def _play(
+    lanes: Lanes, shape: tuple[int, int, int], actions: Float32s, rewards: Float32s, observations: Float32s
+) -> None:
+    """Play sequences (n, k, h, 3) in lanes (n · k · samples), those of a sample side by side, in place.
+
+    Writes rewards (lanes, h) and observations (lanes, h, columns).
+    """
+    view, h = lanes.view, actions.shape[2]
+    paid, seen = record_rows(rewarded(view)), observed_rows(view, lanes.worlds[0].drifting)
+    in_order = np.arange(len(rewards)).reshape(shape).swapaxes(1, 2).ravel()
+    for number, world in enumerate(lanes.worlds):
+        of_world = in_order[lanes.world[in_order] == number]
+        for first in range(0, len(of_world), LANES):
+            here = of_world[first : first + LANES]
+            start, sequence, sample = np.unravel_index(here, shape)
+            # A sample from a start has one noise, which is drawn once.
+            _, one, unit = np.unique(start * shape[2] + sample, return_index=True, return_inverse=True)
+            units = lanes.take(here[one])
+            noisy = Noisy(
+                world, WATCHER, WATCHER.label, units.keys, units.keys, units.index,
+                units.state.setpoint, units.index, units.step, unit,
+            )  # fmt: skip
+            carry = Carry.at(lanes.state.take(here), WATCHER.needs)
+            recorded = np.ascontiguousarray(actions[start, sequence].transpose(1, 0, 2))
+            for block in unroll(noisy, carry, np.concatenate([paid, seen]), h, recorded=recorded):
+                steps = slice(block.first, block.stop)
+                rewards[here, steps] = rewards_of(block.record[: len(paid)], view, view.reward_scale).T
+                clean = (block.record[len(paid) :, 1:].T + 0.0).astype(np.float32)  # (lanes, steps, columns)
+                if lanes.window is None:
+                    observations[here, steps] = clean
+                    continue
+                for t, taken in enumerate(block.actions):
+                    lanes.window.push(here, clean[:, t], taken)
+                    observations[here, block.first + t] = lanes.window.frames[here, 0]
+            lanes.state.put(here, carry.state)
 
 
 def _applied(actions: npt.ArrayLike, n: int) -> Float32s:

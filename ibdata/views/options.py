@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -212,6 +213,15 @@ class Window:
             for (before, _, actions), (which, values, _) in pairwise(burn_in):
                 past.push(which, values, actions[np.isin(before, which)])
             self.frames[lanes[some], 1:] = past.frames[some, :-1]
+
+    def take(self, lanes: Indices, times: Indices, numbers: Indices | None) -> Window:
+        """A copy of some lanes, which go on at these times, as episodes with other numbers if given (k,)."""
+        taken = copy.copy(self)
+        taken._clean, taken._arrived, taken.frames = (
+            array[lanes] for array in (self._clean, self._arrived, self.frames)
+        )
+        taken._times, taken._numbers = times.copy(), self._numbers[lanes] if numbers is None else numbers
+        return taken
 
     def push(self, lanes: Indices, clean: Float32s, actions: Float32s) -> None:
         """Add the frame of some lanes after a step with the actions (k, 3)."""
