@@ -99,7 +99,8 @@ class IndustrialBenchmarkEnv(Fixed, gym.Env[Observation, npt.NDArray[np.float32]
 
         Args:
             state: A state of one lane, such as `ibdata.state_at` returns. Its setpoint replaces that of the
-                environment. The dynamics should be those under which it arose.
+                environment. The dynamics should be those under which it arose; a published variant refuses a
+                state of the other one.
 
         Returns:
             The observation, repeated if the environment returns several, and the hidden state.

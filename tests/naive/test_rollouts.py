@@ -336,6 +336,9 @@ def test_a_state_of_other_dynamics(ds, moving):
     with pytest.raises(ValueError, match=r"^step: found a state of the dynamics paper, expected one of"):
         step(paper, np.zeros((2, 3)), quiet)
     assert step(paper, np.zeros((2, 3)), quiet, "paper").lanes == 2
+    lanes = Simulation(settings(setpoint="drifting"), 2)
+    with pytest.raises(UsageError, match=r"^set_state: found a state of the dynamics paper"):
+        lanes.set_state(paper, lanes.everyone, lambda *address: np.zeros((1, 4, 2), np.uint64))
 
 
 def test_a_state_of_no_dynamics():
