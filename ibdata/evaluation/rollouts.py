@@ -31,7 +31,7 @@ from ibdata.views.options import View, ViewOptions, Window, view_of
 RECORDED = "recorded"
 
 
-@dataclasses.dataclass(eq=False)
+@dataclasses.dataclass(eq=False, repr=False)
 class Lanes:
     """Where n lanes are, where their noise goes on, and what was seen of them."""
 
@@ -281,8 +281,8 @@ def _play(
             _, one, unit = np.unique(start * shape[2] + sample, return_index=True, return_inverse=True)
             units = lanes.take(here[one])
             noisy = Noisy(
-                world, WATCHER, WATCHER.label, units.keys, units.keys, units.index,
-                units.state.setpoint, units.index, units.step, unit,
+                world, WATCHER, WATCHER.label, units.keys, units.keys, units.index, units.state.setpoint,
+                number=here, first_step=units.step, unit=unit,
             )  # fmt: skip
             carry = Carry.at(lanes.state.take(here), WATCHER.needs)
             recorded = np.ascontiguousarray(actions[start, sequence].transpose(1, 0, 2))
