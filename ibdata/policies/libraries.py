@@ -48,8 +48,8 @@ FAR = 10.0  # standard deviations of the setpoints in training; one in 100 episo
 OWN = ("IndustrialBenchmarkEnv", "IndustrialBenchmarkVecEnv")
 STACKS = ("FrameStackObservation", "VecFrameStack")
 UNCHANGED = (
-    "so it is given observations as they are; if it was trained with VecNormalize or another wrapper, give "
-    "the model with its environment (model.set_env)"
+    "has no environment, so it is given observations as they are; if it was trained with VecNormalize or "
+    "another wrapper, give"
 )
 
 Layer = tuple[str, str]  # the package, which is empty for a layer in another process, and the class
@@ -111,12 +111,10 @@ def environment_note(target: Any, view: ViewOptions = PLAIN) -> str | None:
     model = _model_of(target)
     if model is None:
         policy = getattr(sys.modules.get("stable_baselines3.common.policies"), "BasePolicy", ())
-        return (
-            f"the policy of a model has no environment, {UNCHANGED}" if isinstance(target, policy) else None
-        )
+        return f"a policy {UNCHANGED} the model that it is of" if isinstance(target, policy) else None
     env = model.get_env()
     if env is None:
-        return f"the model has no environment, {UNCHANGED}"
+        return f"the model {UNCHANGED} the model with its environment (model.set_env)"
     wrappers, innermost = _layers(env)
     for package, name in wrappers:
         _refuse_unknown(package, name)

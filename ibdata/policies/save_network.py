@@ -18,8 +18,7 @@ from ibdata._numerics.arguments import public
 from ibdata._system.files import write
 from ibdata._system.part import refusals
 from ibdata.errors import UsageError, notice
-from ibdata.policies.base import SETPOINT
-from ibdata.policies.libraries import environment_note, evaluating, far_notes, lacks_environment, scaling_of
+from ibdata.policies.libraries import environment_note, evaluating, lacks_environment, scaling_of
 from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, written
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
@@ -196,9 +195,6 @@ def save_network(
         write(target.parent, target.name, data)
     if note is not None and mean is std is None:
         notice(f"{target.name}: {note}, or pass mean and std")
-    beside = weights.mean[SETPOINT] + (1.0 if weights.mean[SETPOINT] < 50.0 else -1.0)
-    for said in far_notes({"mean": weights.mean, "std": weights.std}, [beside]):
-        notice(f"{target.name}: {said}")
     return weights.sha256
 
 

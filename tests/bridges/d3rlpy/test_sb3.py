@@ -156,7 +156,8 @@ def test_a_scaling_that_stayed_behind_is_said(tmp_path):
     with pytest.raises(UsageError, match=r"^model: found no environment, which keeps VecNormalize"):
         ibdata.save_network(tmp_path / "actor.safetensors", loaded)
     [policy] = ibdata.evaluate(model.policy, **few).notes
-    assert policy.startswith("actorcriticpolicy: the policy of a model has no environment, so")
+    assert policy.startswith("actorcriticpolicy: a policy has no environment, so it is given observations")
+    assert "set_env" not in policy  # which it does not have
     loaded.set_env(env)
     again = ibdata.evaluate(loaded, **few)
     assert again.returns.tolist() == own.returns.tolist()
