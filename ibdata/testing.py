@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
-from ibdata.errors import PolicyError
+from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.policies import as_policy, loaded
-from ibdata.policies import Observed, Policy, checked
+from ibdata.policies import OBSERVATION, Observed, Policy, checked
 from ibdata.policies.base import Float32s, Floats
 from ibdata.policies.checked import AnswerError, ask, raise_placed
 from ibdata.policies.compound import is_foreign
@@ -61,7 +61,8 @@ def check_policy(
 
     Args:
         policy: a `Policy`, or anything else that `ibdata.evaluate` takes.
-        histories: observations to check it on, float32 (n, history, 6); by default 256 random ones.
+        histories: observations to check it on, newest first, (n, history, 6), at least as many as it needs;
+            by default 256 random ones.
         history: the number of observations passed to an object without `needs`.
         allow_code: whether a custom policy that a file names may run.
 
@@ -76,7 +77,8 @@ def check_policy(
         has_objects = any(policy.everywhere(UserObject))  # of which `loaded` has made sure
         if is_foreign(policy) or not has_objects:
             checked.refuse_impure(policy, exact=not has_objects)
-        seen = checked.histories(ROWS, policy.needs.history) if histories is None else histories
+        needed = policy.needs.history
+        seen = checked.histories(ROWS, needed) if histories is None else _given(histories, needed)
         in_order = any(part.adapter.remembers for part in policy.everywhere(UserObject))
         for observed, actions in list(checked.played(policy, seen, 1 if in_order else LATER + 1))[::LATER]:
             try:
@@ -87,6 +89,14 @@ def check_policy(
                     _check_frequencies(policy, observed.apply(itemgetter(slice(row, row + 1))), directions)
             except AnswerError as error:
                 raise PolicyError(f"policy {policy.label}: {error}") from error
+
+
+def _given(histories: Float32s, needed: int) -> Float32s:
+    """The newest observations that a policy needs, of histories that a user gave."""
+    shape = histories.shape
+    if len(shape) != 3 or not len(histories) or shape[1] < needed or shape[2] != len(OBSERVATION):
+        raise UsageError(f"histories: found shape {shape}, expected (n, {needed}, 6), as many as it needs")
+    return np.ascontiguousarray(histories[:, :needed], dtype=np.float32)
 
 
 def _distribution(policy: Policy, observed: Observed) -> tuple[Distribution, Floats]:
