@@ -58,7 +58,7 @@ class Episodes:
         return as_html([Table(list(row), [list(row.values())]), *self.splits.tables()])
 
     def __fspath__(self) -> str:
-        return str(self.path)
+        return str(self.storage.path)
 
     def __len__(self) -> int:
         if self.mask is None:
@@ -67,14 +67,16 @@ class Episodes:
 
     @property
     def storage(self) -> Storage:
-        """The files, by which it is a place. Raises UsageError for a selection, which has none of its own."""
+        """The files, by which it is a place: not of a selection, and not of what has been replaced since."""
         refuse_selection(self)
+        self.stored.refuse_replaced()
         return self.stored.storage
 
     @property
     def path(self) -> Path:
         """The folder, from the root. Raises UsageError for a selection, and for a dataset at a URL."""
-        return self.storage.path
+        refuse_selection(self)
+        return self.stored.storage.path
 
     @property
     def place(self) -> str:

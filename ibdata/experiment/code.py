@@ -19,10 +19,8 @@ from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.policies.code import file_of, is_installed, refuse_within_itself, two_places
+from ibdata.policies.code import OTHERS, file_of, is_of_user, refuse_within_itself, two_places
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
-
-OTHERS = ("ibdata", "__main__", "__mp_main__")  # a record leaves out the modules of these packages
 
 
 def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, again: bool = False) -> None:
@@ -84,7 +82,7 @@ def _in_use(targets: Sequence[Path | None]) -> tuple[dict[str, str | None], dict
         path, package = file_of(module), name.partition(".")[0]
         if path is None or path in targets or package in OTHERS:
             continue
-        if not is_installed(path):
+        if is_of_user(name, module):
             folders = name.split(".") if hasattr(module, "__path__") else name.split(".")[:-1]
             files["/".join([*folders, path.name])] = file_sha256(path)
         elif name not in processes.known_before and package not in sys.stdlib_module_names:

@@ -1,25 +1,24 @@
 """The code of custom policies: where it is, how it is imported, and which line of it failed.
 
-A run imports it in a process that has imported none before, see `ibdata.generation.process`.
+Whatever runs it imports it anew, as a process does that has imported none before.
 """
 
 from __future__ import annotations
 
-import atexit
 import filecmp
 import hashlib
+import importlib
 import os
-import shutil
 import sys
 import sysconfig
-import tempfile
 import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, redirect_stdout
-from functools import cached_property
-from importlib import import_module
+from functools import cache, cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType
+from typing import Any
 
 from ibdata._system import processes
 from ibdata.errors import UsageError, printable
@@ -28,11 +27,12 @@ Places = tuple[Path, ...]  # folders in which code is looked for
 PRIVATE = "_ibdata_code_"  # begins the names of modules made of files
 PACKAGE = Path(__file__).parents[1]
 STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
+OTHERS = ("ibdata", "__main__", "__mp_main__")  # packages whose modules are never those of users
 LONGEST = 300  # characters of an error's own text
 
 
 class Acting(ExitStack):
-    """The time in which objects of users act: at its end, the folder and Python's path are as before."""
+    """The time in which objects of users act: at its end, folder, path and modules are as before."""
 
     def __init__(self, folder: Path | None = None) -> None:
         super().__init__()
@@ -45,14 +45,58 @@ class Acting(ExitStack):
 
     def add_to_path(self, folders: Iterable[str]) -> None:
         """Let Python look for modules in these folders, before all others as `python -m` does."""
-        for folder in reversed(list(dict.fromkeys(folders))):
-            sys.path.insert(0, folder)
-            self.callback(_leave_path, folder)
+        self._set(sys, "path", [*dict.fromkeys(folders), *sys.path])
+
+    def imported(self, module: str, file: Path | None) -> ModuleType:
+        """The module of a name, or one made of a file. Both, and what they import, are read anew."""
+        _ = self._without_modules
+        importlib.invalidate_caches()
+        return importlib.import_module(module) if file is None else _module_of(file)
+
+    @cached_property
+    def _without_modules(self) -> None:
+        """Set the modules of users aside, and what is kept of their code: such caches miss some edits."""
+        processes.known_before.update(() if processes.known_before else sys.modules)
+        self.callback(sys.modules.update, _modules_of_users())
+        self.callback(_forget_modules)
+        _forget_modules()
+        self._set(sys, "dont_write_bytecode", True)
+        import numba  # not earlier, because `_numerics.compiled` keeps it from reading a foreign file
+
+        if processes.purpose != "worker":  # which has an empty folder for numba's cache
+            cache = self.enter_context(TemporaryDirectory(prefix="ibdata-", ignore_cleanup_errors=True))
+            if processes.purpose == "session":
+                self._set(numba.config, "CACHE_DIR", cache)
+            else:
+                os.environ["NUMBA_CACHE_DIR"] = cache
+        if processes.purpose != "session":
+            os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)  # which may prefer another cache
+            numba.config.reload_config()  # type: ignore[no-untyped-call]
+
+    def _set(self, owner: Any, name: str, value: Any) -> None:
+        self.callback(setattr, owner, name, getattr(owner, name))
+        setattr(owner, name, value)
 
 
-def _leave_path(folder: str) -> None:
-    if folder in sys.path:
-        sys.path.remove(folder)
+def _forget_modules() -> None:
+    for name in _modules_of_users():
+        del sys.modules[name]
+
+
+def _modules_of_users() -> dict[str, ModuleType]:
+    """The modules that are imported anew: not those of a package with a compiled one, which loads once."""
+    modules = {name: module for name, module in list(sys.modules.items()) if is_of_user(name, module)}
+    files = {name: file_of(module) for name, module in modules.items()}
+    compiled = {name.partition(".")[0] for name, file in files.items() if file and file.suffix != ".py"}
+    return {name: module for name, module in modules.items() if name.partition(".")[0] not in compiled}
+
+
+def is_of_user(name: str, module: object) -> bool:
+    """Whether a module, or a package without a file, is neither of Python, nor installed, nor of ibdata."""
+    file = file_of(module)
+    places = [file] if file else list(map(Path, getattr(module, "__path__", ())))
+    is_other = name.partition(".")[0] in OTHERS or any(map(is_installed, places))
+    return name.startswith(PRIVATE) or (bool(places) and not is_other)
 
 
 def two_places(current: Path, folder: Path | None) -> Places:
@@ -78,21 +122,6 @@ def located(name: str, what: str, places: Places) -> Path:
 def is_fresh() -> bool:
     """Whether this is a process of ibdata's own that has imported no custom code."""
     return processes.purpose != "session" and not processes.known_before
-
-
-def imported(module: str, file: Path | None) -> ModuleType:
-    """The module of a name, or one made of a file."""
-    if not processes.known_before:
-        processes.known_before.update(sys.modules)
-        if processes.purpose == "command":  # numba compiles anew, as in a worker: its cache misses some edits
-            folder = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="ibdata-")
-            atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        if processes.purpose != "session":
-            os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)  # which may prefer another cache
-            import numba  # not earlier, because `_numerics.compiled` keeps it from reading a foreign file
-
-            numba.config.reload_config()  # type: ignore[no-untyped-call]
-    return import_module(module) if file is None else _module_of(file)
 
 
 def _module_of(file: Path) -> ModuleType:
@@ -158,6 +187,7 @@ def file_of(module: object) -> Path | None:
     return path if path is not None and path.is_file() else None
 
 
+@cache
 def is_installed(path: Path) -> bool:
     """Whether a file is part of Python or of an installed package."""
     return _is_in_package(path) or path.is_relative_to(STANDARD_LIBRARY)

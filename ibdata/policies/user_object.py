@@ -43,7 +43,6 @@ from ibdata.policies.code import (
     apart_from_results,
     error_line,
     file_of,
-    imported,
     loading,
     located,
     two_places,
@@ -302,7 +301,7 @@ class Custom(UserObject):
         acting.add_to_path(map(str, [*([] if file is None else [file.parent]), *self._places]))
         try:
             with loading(self.target), apart_from_results():
-                module = imported(self.source, file)
+                module = acting.imported(self.source, file)
                 if not hasattr(module, name):
                     names = [known for known in vars(module) if not known.startswith("_")]
                     raise PolicyError(

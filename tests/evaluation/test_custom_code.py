@@ -1,44 +1,15 @@
-"""Custom policies that are evaluated, or whose data are: modules are those that Python has, or finds."""
+"""Data of custom policies: their code is asked for densities, where it may run and is what it was."""
 
 from __future__ import annotations
 
 import shutil
-import sys
 
 import numpy as np
 import pytest
-from helpers.own_code import POLICY, constant, evaluated
 
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
-
-
-@pytest.fixture
-def version(tmp_path, monkeypatch):
-    """`version(name, size)` writes a policy and its helper into a folder and returns the path of the YAML."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
-
-    def written(name, size):
-        folder = tmp_path / name
-        folder.mkdir(exist_ok=True)
-        (folder / f"own_{name}.py").write_text(POLICY)
-        (folder / "size_of_version.py").write_text(f"SIZE = {size}\n")
-        (folder / "own.yaml").write_text(f"kind: custom\ntarget: own_{name}.py:Own\n")
-        return folder / "own.yaml"
-
-    yield written
-    for module in ("size_of_version", "own_one", "own_two"):
-        sys.modules.pop(module, None)
-
-
-def test_helpers_of_one_name_in_two_folders_are_refused(version):
-    one, two = version("one", 0.0), version("two", 1.0)
-    np.testing.assert_array_equal(evaluated(one)[0], constant(0.0))
-    line = r"two/size_of_version\.py: found another module with the name size_of_version in use, .*/one/"
-    with pytest.raises(UsageError, match=line):
-        evaluated(two)
-
 
 EXPLORER = """
 import numpy as np
@@ -83,8 +54,7 @@ def explored(made, tmp_path, monkeypatch):
     """The dataset and the block, in a folder whose files a test may change."""
     shutil.copytree(made[0], tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    yield ibdata.open("x"), made[1]
-    sys.modules.pop("helper_of_explorer", None)
+    return ibdata.open("x"), made[1]
 
 
 def test_weights_of_custom_data_need_consent_and_states_no_code(explored, tmp_path):

@@ -83,18 +83,6 @@ CODE = textwrap.dedent("""
         calls.append(0)
         return still(observations, len(calls) / 1000.0)
 """)
-# A policy with a helper module.
-POLICY = """
-import numpy as np
-
-def act(history, u):
-    from size_of_version import SIZE
-    return np.full((len(history), 3), SIZE)
-
-class Own:
-    def act(self, history, u):
-        return act(history, u)
-"""
 
 
 def generate(out="out", **options):
@@ -125,13 +113,3 @@ def described(**policy):
             "output": {"shard_rows": 4},
         }
     )
-
-
-def evaluated(*policies):
-    """The returns of policies in a few short episodes."""
-    return ibdata.evaluate(list(policies), allow_code=True, episodes=3, steps=4, setpoint=70).returns[:, 0]
-
-
-def constant(size):
-    """The returns of a policy that always takes one action."""
-    return evaluated({"kind": "constant", "action": [size] * 3})[0]

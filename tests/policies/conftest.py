@@ -11,12 +11,11 @@ from helpers.own_code import CODE
 
 @pytest.fixture
 def mine(tmp_path, monkeypatch):
-    """A module `mine` in the current folder, forgotten afterwards."""
+    """A module `mine` in the current folder."""
     (tmp_path / "mine.py").write_text(CODE)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    yield tmp_path
-    sys.modules.pop("mine", None)
+    return tmp_path
 
 
 @pytest.fixture
