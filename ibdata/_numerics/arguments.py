@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, MappingView, Sequence, Set
+from contextlib import contextmanager
 from functools import cache, wraps
 from numbers import Real
 from types import SimpleNamespace, UnionType
 from typing import Annotated, Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from ibdata.errors import ArgumentError, excerpt, nearest
+from ibdata.errors import ArgumentError, IbdataError, excerpt, nearest
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -126,21 +128,41 @@ def _members(kind: Any) -> list[Any]:
 
 
 def native(value: Any) -> Any:
-    """A copy of data in which tuples, ranges and arrays are lists, and numbers of numpy are Python's.
+    """A copy of data of any library, in which mappings, collections, numbers and paths are Python's.
 
-    Any other value stays as it is, and so does what can act.
+    Any other value stays as it is, and so does what can act. Raises ArgumentError for what cannot be read.
 
     >>> import numpy as np
-    >>> native({"setpoints": np.arange(10, 40, 10), "start": {"burn_in": (1, 2)}})
+    >>> native({"setpoints": np.arange(10, 40, 10), "start": {"burn_in": {2, 1}}})
     {'setpoints': [10, 20, 30], 'start': {'burn_in': [1, 2]}}
     """
     if can_act(value):
         return value
-    if isinstance(value, Mapping):
-        return {key: native(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | range):
-        return [native(item) for item in value]
-    return _native(value)
+    with _reading(value):
+        if isinstance(value, Mapping):
+            return {key: native(item) for key, item in value.items()}
+        value = os.fspath(value) if isinstance(value, os.PathLike) else _native(value)
+        return [native(item) for item in items] if (items := _items_of(value)) is not None else value
+
+
+@contextmanager
+def _reading(value: Any) -> Iterator[None]:
+    """Raise ArgumentError for what another library raises, as for an interpolation that leads nowhere."""
+    try:
+        yield
+    except IbdataError:
+        raise
+    except Exception as error:
+        why = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise ArgumentError(f"found a {type(value).__name__} that cannot be read: {why}") from error
+
+
+def _items_of(value: Any) -> list[Any] | None:
+    """The items of a collection of any library, which of a set are sorted; None if it is none."""
+    if not isinstance(value, Collection) or isinstance(value, str | bytes | bytearray | Mapping):
+        return None
+    is_set = isinstance(value, Set) and not isinstance(value, MappingView)
+    return sorted(value) if is_set else list(value)
 
 
 def can_act(value: Any) -> bool:
@@ -180,13 +202,14 @@ def _as_one(name: str, value: Any, kind: Any, inner: tuple[Any, ...]) -> Any:
             return WRONG
         return math.floor(value) if kind is int else value
     if kind in (Sequence, tuple):
-        if not isinstance(value, Iterable) or isinstance(value, str | bytes | Mapping):
-            return WRONG
-        return _items(name, list(value), inner[0])
+        with _reading(value):
+            items = list(value) if isinstance(value, Iterator) else _items_of(value)
+        return WRONG if items is None else _items(name, items, inner[0])
     if not isinstance(value, kind):
         return WRONG
     if kind is Mapping:
-        return {key: _taken(f"{name}: {key}", item, inner[1]) for key, item in value.items()}
+        with _reading(value):
+            return {key: _taken(f"{name}: {key}", item, inner[1]) for key, item in value.items()}
     return value
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from ibdata._numerics.arguments import can_act
+from ibdata._numerics.arguments import can_act, native
 from ibdata._numerics.naming import exact, unequal
 from ibdata.errors import ConfigError, UsageError, notice, printable, suggestion
 from ibdata.experiment.messages import refusals, shown
@@ -67,7 +67,8 @@ def _refuse_unused(history: int, takes_history: bool) -> None:
 
 def _labelled(policies: Any) -> Iterator[tuple[str | None, Any]]:
     """Yield each policy with the label that the user gave it, or None."""
-    for argument in policies if isinstance(policies, list | tuple) and not can_act(policies) else [policies]:
+    plain = native(policies)
+    for argument in plain if isinstance(plain, list) and not can_act(plain) else [plain]:
         if can_act(argument) or not isinstance(argument, Mapping) or "kind" in argument:
             yield None, argument
             continue
@@ -111,7 +112,7 @@ def _policy_of(argument: Any, history: int) -> tuple[Policy, bool]:
         length = {"history": history} if takes_history else {}
         return _block({**block_of(argument), **length}, "policy"), takes_history
     if isinstance(argument, Mapping):
-        return _block(dict(argument), "policy"), False
+        return _block(argument, "policy"), False
     if isinstance(argument, str | os.PathLike):
         return _named(argument), False
     raise UsageError(f"policy: found {shown(argument)}, expected one policy: a kind, a block, {EXPECTED}")
@@ -189,9 +190,9 @@ def _any_policy() -> TypeAdapter[Policy]:
     return TypeAdapter(AnyPolicy)
 
 
-def _block(block: dict[str, Any], place: str, folder: Path | None = None) -> Policy:
+def _block(block: Mapping[str, Any], place: str, folder: Path | None = None) -> Policy:
     """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
-    with refusals(block, Policy, lambda problem: f"{place}: {problem.text}"):
+    with refusals(block, Policy, lambda problem: f"{place}: {problem.text}") as block:
         return _any_policy().validate_python(block, context={"folder": folder, "weights": {}})
 
 

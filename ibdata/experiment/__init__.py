@@ -90,9 +90,9 @@ def load(config: Config, overrides: Overrides = (), seed: int | None = None) -> 
             of the overrides: `file:line:column: key: what was found, what was expected`.
     """
     if isinstance(config, Experiment):
-        return _checked(native(config.options()), overrides, seed, config.checked_with)
+        return _checked(config.options(), overrides, seed, config.checked_with)
     if isinstance(config, Mapping):
-        return _checked(native(config), overrides, seed, {"weights": {}})
+        return _checked(config, overrides, seed, {"weights": {}})
     path = find(config)
     if files := configs_in(path):
         raise UsageError(
@@ -151,7 +151,7 @@ def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
 
 
 def _checked(
-    data: dict[str, Any],
+    data: Mapping[str, Any],
     overrides: Overrides,
     seed: int | None,
     context: dict[str, Any],
@@ -159,15 +159,16 @@ def _checked(
 ) -> Experiment:
     """Apply the overrides and check the experiment; `place` begins the line of a problem in the file."""
     changed: set[Loc] = set()
+    plain: dict[str, Any] = native(data)
     pairs = overrides.items() if isinstance(overrides, Mapping) else map(_parsed, overrides)
     for key, value in pairs:
         value = native(value)
         options = {str(key): value}
         if key == "output" and isinstance(value, dict) and value:  # each option of `output` is an override
             options = {f"output.{name}": option for name, option in value.items()}
-        changed |= {_put(data, dotted, option) for dotted, option in options.items()}
+        changed |= {_put(plain, dotted, option) for dotted, option in options.items()}
     if seed is not None:
-        data["seed"] = seed
+        plain["seed"] = seed
 
     def line(problem: Problem) -> str:
         if seed is not None and problem.loc == ("seed",):
@@ -175,8 +176,8 @@ def _checked(
         is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))
         return f"override {problem.text}" if is_changed else place(problem) + problem.text
 
-    with refusals(data, Experiment, line):
-        return Experiment.model_validate(data, context=context)
+    with refusals(plain, Experiment, line) as plain:
+        return Experiment.model_validate(plain, context=context)
 
 
 def _parsed(override: str) -> tuple[str, Any]:

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from ibdata._numerics.naming import NAME_PATTERN, exact
 from ibdata.errors import excerpt, suggestion
-from ibdata.policies.base import FrozenModel
+from ibdata.policies.base import FROM_FLOAT, FrozenModel
 
 LICENCE = "CC-BY-4.0"  # the licence where an experiment names none
 LICENCE_PATTERN = r"^[A-Za-z0-9(][A-Za-z0-9.+() -]{0,198}[A-Za-z0-9.+)]$"
@@ -27,8 +27,11 @@ def _not_default(name: str) -> str:
     return name
 
 
-# 1e3 is a whole number. Strict integers then refuse true.
-FROM_FLOAT = BeforeValidator(lambda x: int(x) if isinstance(x, float) and x.is_integer() else x)
+def of_types(*types: type) -> BeforeValidator:
+    """Make a number of another type text, which a Literal refuses: to Python, 1 is true."""
+    return BeforeValidator(lambda x: str(x) if isinstance(x, int | float) and type(x) not in types else x)
+
+
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 # -0.0 becomes 0.0, so that both have the same digest.
 Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
@@ -174,7 +177,7 @@ class Output(FrozenModel):
     dtype: Literal["float32", "float64"] = Field(
         default="float32", description="type of all float columns; actions are float32 values in both"
     )
-    latent: Literal[False, True, "full", "next"] = Field(
+    latent: Annotated[Literal[False, True, "full", "next"], of_types(bool)] = Field(
         default=True, description="Markov state at t; full: with derived values; next: with that at t + 1"
     )
     expert_action: bool = Field(

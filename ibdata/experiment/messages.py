@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from ibdata._numerics.arguments import native
 from ibdata._numerics.naming import NAME_PATTERN
 from ibdata.errors import ConfigError, Loc, Problems, meant, suggestion
 from ibdata.experiment.fields import LICENCE, LICENCE_PATTERN, SHARE_PATTERN
@@ -73,12 +74,13 @@ def refusals(
     data: Mapping[str, Any],
     model: type[BaseModel],
     line: Callable[[Problem], str] = lambda problem: problem.text,
-) -> Iterator[None]:
-    """Raise ConfigError with a line for each problem that pydantic finds in the data of a model."""
+) -> Iterator[dict[str, Any]]:
+    """Yield the data of a model as Python's; raise ConfigError with a line for each problem of pydantic's."""
+    plain: dict[str, Any] = native(data)
     try:
-        yield
+        yield plain
     except ValidationError as error:
-        lines = [line(problem) for problem in problems(error, model, data)]
+        lines = [line(problem) for problem in problems(error, model, plain)]
         raise ConfigError(list(dict.fromkeys(lines))) from None
 
 

@@ -15,7 +15,6 @@ from pydantic import (
     model_validator,
 )
 
-from ibdata._numerics.arguments import native
 from ibdata._numerics.naming import counted, exact, unequal
 from ibdata.errors import Loc, Problems, meant
 from ibdata.experiment.fields import (
@@ -30,6 +29,7 @@ from ibdata.experiment.fields import (
     SplitName,
     Start,
     StepCount,
+    of_types,
     repeated,
 )
 from ibdata.experiment.messages import refusals
@@ -55,14 +55,15 @@ class Experiment(FrozenModel):
     if not TYPE_CHECKING:  # type checkers and editors show the options below
 
         def __init__(self, **options: Any) -> None:
-            options = native(options)
-            with refusals(options, Experiment):
+            with refusals(options, Experiment) as options:
                 super().__init__(**options)
 
         # Because of this attribute of pydantic, `model_validate` does not call __init__.
         __init__.__pydantic_base_init__ = True
 
-    version: Literal[1] = Field(default=1, description="version of this format")
+    version: Annotated[Literal[1], of_types(int, float)] = Field(
+        default=1, description="version of this format"
+    )
     name: FileName = Field(description="name of the experiment, its dataset and its folder")
     dynamics: Dynamics = Field(default="siemens", description="siemens, paper, or {base: …, field: value}")
     setpoints: Setpoints = Field(
@@ -162,9 +163,8 @@ class Experiment(FrozenModel):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder. Raises ConfigError if the copy is not valid."""
-        update = native(update or {})
-        with refusals({**self.options(), **update}, type(self)):
-            return super().model_copy(update=update, deep=deep)
+        with refusals({**self.options(), **(update or {})}, type(self)) as options:
+            return super().model_copy(update={name: options[name] for name in update or {}}, deep=deep)
 
     def part(self, steps: int, episodes: int) -> Experiment:
         """The same cells with fewer steps and episodes, and without splits, which may name other episodes."""

@@ -11,12 +11,10 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import AfterValidator, Field, Tag, create_model, field_validator
 
-from ibdata._numerics.arguments import native
 from ibdata._simulation.episodes import World
 from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
 from ibdata.dynamics.variants import VariantError
 from ibdata.experiment.fields import (
-    FROM_FLOAT,
     Drifting,
     EpisodeCount,
     Real,
@@ -28,9 +26,9 @@ from ibdata.experiment.fields import (
     points_of,
     repeated,
 )
-from ibdata.experiment.messages import refusals
+from ibdata.experiment.messages import refusals, shown
 from ibdata.policies import Policy
-from ibdata.policies.base import FrozenModel
+from ibdata.policies.base import FROM_FLOAT, FrozenModel
 from ibdata.policies.expert import Expert
 from ibdata.policies.user_object import ObjectPolicy
 
@@ -54,17 +52,33 @@ def _fitting(name: str) -> AfterValidator:
         try:
             dataclasses.replace(SIEMENS, **{name: value})
         except VariantError as error:
-            raise ValueError(f"found {value}, expected it to {error.broken[name]}") from None
+            raise ValueError(f"found {shown(value)}, expected it to {error.broken[name]}") from None
         return value
 
     return AfterValidator(check)
 
 
-def _strict(hint: Any) -> Any:
+BOUNDS = {  # of each number of a field; the rules of `Variant` are narrower
+    "eta_mean": Field(gt=0.0, le=10.0),
+    "eta_squash": Field(),
+    "effective_velocity_ends": Field(ge=0.0, le=100.0),
+    "bernoulli_bounds": Field(ge=0.0, le=1.0),
+    "alpha_threshold": Field(ge=0.0, le=5.0),
+    "convolution_weights": Field(ge=0.0, le=1.0),
+    "consumption_offset": Field(ge=-100.0, le=100.0),
+    "consumption_noise": Field(ge=0.0, le=0.04),
+    "drift_rate": Field(ge=-100.0, le=100.0),
+    "drift_length": Field(ge=1, le=1_000_000),
+    "drift_flip": Field(ge=0.0, le=1.0),
+}
+
+
+def _strict(hint: Any, bounds: Any) -> Any:
     """The type of a field of `Variant`, with strict numbers as in the other models."""
     if get_origin(hint) is tuple:
-        return tuple[tuple(_strict(part) for part in get_args(hint))]  # type: ignore[misc]  # known at run time
-    return {float: Real, int: Annotated[int, FROM_FLOAT, Field(strict=True)]}[hint]
+        return tuple[tuple(_strict(part, bounds) for part in get_args(hint))]  # type: ignore[misc]  # at run time
+    kinds = {float: Annotated[Real, bounds], int: Annotated[int, Field(strict=True), bounds, FROM_FLOAT]}
+    return kinds[hint]
 
 
 CustomDynamics = create_model(
@@ -73,7 +87,7 @@ CustomDynamics = create_model(
     __doc__="A published variant with single fields replaced.",
     **{
         name: (
-            Annotated[_strict(hint), _fitting(name)] | None,
+            Annotated[_strict(hint, BOUNDS[name]), _fitting(name)] | None,
             Field(
                 default=None, description=f"paper: {getattr(PAPER, name)}; siemens: {getattr(SIEMENS, name)}"
             ),
@@ -161,8 +175,7 @@ def other_dynamics(policy: Policy, scenario: Scenario) -> Iterator[str]:
 
 def scenario_of(**settings: Any) -> Scenario:
     """Check the settings of a scenario. Raises ConfigError with a line `name: found, expected` for each."""
-    settings = native(settings)
-    with refusals(settings, Scenario):
+    with refusals(settings, Scenario) as settings:
         return Scenario.model_validate(settings)
 
 

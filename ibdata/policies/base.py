@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from ibdata._numerics.naming import NAME_PATTERN
 from ibdata.errors import excerpt
@@ -26,6 +26,8 @@ Steps = npt.NDArray[np.int64]
 
 Kind = TypeVar("Kind")
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
+# Of every whole number in a block, which is strict: 1e3 is one, true is none.
+FROM_FLOAT = BeforeValidator(lambda x: int(x) if isinstance(x, float) and x.is_integer() else x)
 
 # Columns of an observation vector, in the order of the published IB data.
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")

@@ -19,7 +19,9 @@ from pydantic_core.core_schema import no_info_before_validator_function
 
 from ibdata._numerics.arguments import can_act
 from ibdata._numerics.naming import unequal
+from ibdata.errors import Problems
 from ibdata.policies.base import (
+    FROM_FLOAT,
     Decision,
     Deterministic,
     FrozenModel,
@@ -82,7 +84,8 @@ DeterministicBase = Annotated[
 
 def _without_name(base: Policy) -> Policy:
     if base.name is not None:
-        raise ValueError("found a name in the base, expected the name beside the outer kind")
+        problem = f"found {base.name!r} in a base, expected the name beside the outer kind"
+        raise Problems([(("name",), problem)])
     return base
 
 
@@ -259,9 +262,8 @@ class PolicyMixture(Choice):
     @model_validator(mode="after")
     def _check(self) -> PolicyMixture:
         if self.weights is not None and len(self.weights) != len(self.bases):
-            raise ValueError(
-                f"found {len(self.weights)} weights, expected {len(self.bases)}, one for each of the bases"
-            )
+            expected = f"{len(self.bases)}, one for each base"
+            raise Problems([(("weights",), f"found {len(self.weights)}, expected {expected}")])
         return self
 
 
@@ -272,7 +274,7 @@ class Stage(FrozenModel):
     """A stage of a schedule."""
 
     base: Annotated[AnyPolicy, Unnamed] = Field(description="the policy that acts")
-    steps: Annotated[int, Field(ge=1, lt=2**31, strict=True)] | None = Field(
+    steps: Annotated[int, Field(ge=1, lt=2**31, strict=True), FROM_FLOAT] | None = Field(
         default=None, description="length of the stage; the last one always lasts to the end of the episode"
     )
     epsilon: Share | None = Field(
@@ -340,5 +342,5 @@ class Schedule(Choice):
         for i, stage in enumerate(self.stages):
             changes = stage.epsilon is not None and stage.epsilon[0] != stage.epsilon[1]
             if stage.steps is None and (i < len(self.stages) - 1 or changes):
-                raise ValueError(f"stages.{i}.steps: found none, expected the number of steps of this stage")
+                raise Problems([(("stages", i, "steps"), "found none, expected the number of its steps")])
         return self

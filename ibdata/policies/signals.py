@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.random import standard_normal
-from ibdata.policies.base import Decision, Deterministic, Floats, Needs, Observed
+from ibdata.errors import Problems
+from ibdata.policies.base import FROM_FLOAT, Decision, Deterministic, Floats, Needs, Observed
 from ibdata.policies.baselines import Constant
 from ibdata.policies.compound import AnyPolicy, DeterministicBase, DrawsNothing, Probability, Unnamed, Wrapper
 from ibdata.policies.distributions import Certain, ClippedNormal
@@ -118,10 +119,10 @@ class Prbs(Deterministic):
     needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)
 
     kind: Literal["prbs"] = "prbs"
-    order: Annotated[int, Field(ge=2, le=12, strict=True)] = Field(
+    order: Annotated[int, Field(ge=2, le=12, strict=True), FROM_FLOAT] = Field(
         default=8, description="bits of the shift register; the sequence has 2^order - 1 bits"
     )
-    hold: Annotated[int, Field(ge=1, le=1000, strict=True)] = Field(
+    hold: Annotated[int, Field(ge=1, le=1000, strict=True), FROM_FLOAT] = Field(
         default=4, description="steps for which a bit is held"
     )
     amplitude: Amplitude = Field(default=1.0, description="the size of each number of the action")
@@ -164,10 +165,10 @@ class Multisine(Deterministic):
     needs: ClassVar[Needs] = Needs(history=0, episode_draws=1)
 
     kind: Literal["multisine"] = "multisine"
-    sines: Annotated[int, Field(ge=1, le=1000, strict=True)] = Field(
+    sines: Annotated[int, Field(ge=1, le=1000, strict=True), FROM_FLOAT] = Field(
         default=10, description="K, the number of sines of each number of the action"
     )
-    period: Annotated[int, Field(ge=8, le=10_000, strict=True)] = Field(
+    period: Annotated[int, Field(ge=8, le=10_000, strict=True), FROM_FLOAT] = Field(
         default=1000, description="N, the steps of a period; more than 6 K"
     )
     amplitude: Amplitude = Field(default=1.0, description="the highest peak")
@@ -180,10 +181,8 @@ class Multisine(Deterministic):
     @model_validator(mode="after")
     def _check(self) -> Multisine:
         if self.period <= 6 * self.sines:
-            raise ValueError(
-                f"found a period of {self.period} steps, expected more than {6 * self.sines}, which is 6 for "
-                "each of the sines"
-            )
+            expected = f"more than {6 * self.sines}, which is 6 for each of the sines"
+            raise Problems([(("period",), f"found {self.period}, expected {expected}")])
         return self
 
 

@@ -28,6 +28,7 @@ from ibdata._numerics.arguments import can_act, has_method, native
 from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
 from ibdata.policies.adapter import EXPECTED, Adapter, needs_of, refuse_other_form
 from ibdata.policies.base import (
+    FROM_FLOAT,
     OBSERVATION,
     Decision,
     Needs,
@@ -60,10 +61,10 @@ MOST_CLIPPED = 0.2  # share of the numbers of actions
 class UserObject(Policy):
     """A policy that acts through an object of a user, see `Adapter`."""
 
-    history: Annotated[int, Field(strict=True, ge=1, le=10_000)] = Field(
+    history: Annotated[int, Field(strict=True, ge=1, le=10_000), FROM_FLOAT] = Field(
         default=1, description="number of observations that it sees"
     )
-    draws: Annotated[int, Field(strict=True, ge=0, le=10_000)] = Field(
+    draws: Annotated[int, Field(strict=True, ge=0, le=10_000), FROM_FLOAT] = Field(
         default=0, description="number of uniform random numbers per step for act and decide"
     )
     deterministic: bool = Field(
@@ -75,10 +76,8 @@ class UserObject(Policy):
     @model_validator(mode="after")
     def _refuse_draws(self) -> UserObject:
         if self.deterministic and self.draws:
-            raise ValueError(
-                f"found deterministic: true and draws: {self.draws}, expected only "
-                "one of them, because a deterministic policy draws nothing"
-            )
+            problem = f"found {self.draws} and deterministic: true, expected 0, or no such promise"
+            raise Problems([(("draws",), problem)])
         return self
 
     @property

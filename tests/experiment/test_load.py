@@ -32,7 +32,7 @@ REFUSED = {
 # Problems of several values together, and of the dynamics, which the JSON Schema does not see.
 TOGETHER = re.compile(
     "in this order|of the experiment$|expected some of|splits.a.policy: found '|shares episodes| twice|"
-    "below start|more than 10000|the same policy|a name in the base|expected it to be"
+    "below start|more than 10000|the same policy|in a base|expected it to be"
 )
 HOSTILE = ["", "..", "a/b", "a\\b", "-rf", "_a", "a.b", "a b", "a\n", "a\0", "\u0430", "a\u202eb", "a" * 65]
 

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+import re
+from functools import reduce
+from operator import getitem
+
 import pytest
 
+from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, as_yaml, load, shipped
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document
@@ -72,3 +78,62 @@ def test_the_resolved_experiment_holds_every_default(loaded, with_lines):
     assert set(plain) == set(Experiment.model_fields)
     assert plain["output"] == {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}
     assert plain["licence"] == "CC-BY-4.0"
+
+
+BLOCKS = [
+    "version: 1",
+    "episodes: 1000",
+    "steps: 5",
+    "seed: 5",
+    "setpoints: {start: 10, stop: 90, step: 10}",
+    "setpoints: {drifting: [10, 90]}",
+    "start: {burn_in: [0, 100000]}",
+    "output: {shard_rows: 100000, expert_action: true, latent: false}",
+    "dynamics: {base: paper, eta_mean: 1, bernoulli_bounds: [0, 1], alpha_threshold: 1, drift_length: 7}",
+    "dynamics: {base: paper, drift_rate: [-100, 100], consumption_offset: 0, consumption_noise: 0}",
+    "splits: {a: {setpoint: 70, episodes: 1, overlap: true}, b: {setpoint: [70], overlap: false}}",
+    "policies: [{kind: constant, action: [0, 0, 1]}]",
+    "policies: [{kind: custom, target: a:b, history: 3, draws: 3}]",
+    "policies: [{kind: custom, target: a:b, deterministic: false}]",
+    "policies: [{kind: epsilon_greedy, base: safe, epsilon: 0.5}]",
+    "policies: [{kind: gaussian, base: bad, scale: 0.5}]",
+    "policies: [{kind: ornstein_uhlenbeck, base: bad, theta: 0.5, sigma: 0.5}]",
+    "policies: [{kind: sticky, base: safe, kappa: 0.5}]",
+    "policies: [{kind: multisine, sines: 1, period: 9000, amplitude: 0.5}]",
+    "policies: [{kind: prbs, order: 5, hold: 7, amplitude: 0.5}]",
+    "policies: [{kind: mixture, bases: [safe, bad], weights: [2, 3]}]",
+    "policies: [{kind: schedule, stages: [{base: safe, steps: 5, epsilon: [0.5, 0.25]}, {base: bad}]}]",
+]
+CANDIDATES = [True, "1", None, 0, 1, 1.0, 0.5, 1e3, -1, 1e-6, 1.5, 1e6 + 1, 2.0**31, 2**48, 2**64]
+ACROSS = re.compile(
+    "files, expected|expected some of|one of the setpoints|below start|in this order|to be|found none|as 6|"
+    "setpoints, expected"
+)
+
+
+def leaves(data, path=()):
+    """The paths of all numbers."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        yield from leaves(value, (*path, key))
+    if isinstance(data, int | float):
+        yield path
+
+
+@pytest.mark.parametrize("line", BLOCKS)
+def test_schema_and_models_take_the_same_numbers(schema, with_lines, line):
+    """One rule for all: 1.0 is a whole number, true is none. Only models have rules across options."""
+    data, wrong = Document(with_lines(line)).data, []
+    for path in leaves({key: data[key] for key in [line.partition(":")[0]]}):
+        for candidate in CANDIDATES:
+            changed = copy.deepcopy(data)
+            *parents, last = path
+            reduce(getitem, parents, changed)[last] = candidate
+            try:
+                load(changed)
+                is_taken = True
+            except ConfigError as error:
+                is_taken = all(ACROSS.search(problem) for problem in error.problems)
+            if is_taken != schema.is_valid(changed):
+                wrong.append((path, candidate, is_taken))
+    assert wrong == []

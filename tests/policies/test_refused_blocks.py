@@ -8,14 +8,14 @@ from helpers import networks
 from ibdata.errors import ConfigError
 from ibdata.experiment import load
 
-NO_STEPS = "5: policies.0: stages.0.steps: found none, expected the number of steps of this stage"
+NO_STEPS = "31: policies.0.stages.0.steps: found none, expected the number of its steps"
 NO_TARGET = "28: policies.0.target: found '{}', expected package.module:name, or file.py:name"
 TARGETS = ("mine", "mine:Actor()", "../mine:Actor", "os;x:y", "", "/mine.py:Actor", "a/mine.py")
 REFUSED = [  # the block, the column, and the message
     ("mixture, bases: [{kind: random}], weights: [1.0, 2.0]",
-     "5: policies.0: found 2 weights, expected 1, one for each of the bases"),
+     "55: policies.0.weights: found 2, expected 1, one for each base"),
     ("mixture, bases: [{kind: random, name: mine}]",
-     "29: policies.0.bases.0: found a name in the base, expected the name beside the outer kind"),
+     "50: policies.0.bases.0.name: found 'mine' in a base, expected the name beside the outer kind"),
     ("sticky, base: {kind: mixture, bases: []}, kappa: 0.5",
      "49: policies.0.base.bases: found [], expected at least 1 item"),
     ("schedule, stages: [{base: {kind: bad}}, {base: {kind: random}}]", NO_STEPS),
@@ -40,9 +40,9 @@ REFUSED = [  # the block, the column, and the message
      "41: policies.0.action.2: found 1.0000001, expected a number of at most 1"),
     ("constant, action: [true, 0, 0]", "31: policies.0.action.0: found true, expected a number"),
     ("multisine, sines: 10, period: 60",
-     "5: policies.0: found a period of 60 steps, expected more than 60, which is 6 for each of the sines"),
+     "42: policies.0.period: found 60, expected more than 60, which is 6 for each of the sines"),
     ("custom, target: 'a:b', deterministic: true, draws: 3",
-     "5: policies.0: found deterministic: true and draws: 3, expected only one of them"),
+     "63: policies.0.draws: found 3 and deterministic: true, expected 0, or no such promise"),
     ("custom, target: 'a:b', params: {limit: 1e400, fine: 1e300}",
      "43: policies.0.params: found what JSON cannot hold (Out of range float values"),
     *((f"custom, target: '{target}'", NO_TARGET.format(target)) for target in TARGETS),

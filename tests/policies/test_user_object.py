@@ -106,7 +106,7 @@ def test_a_policy_of_a_user_keeps_its_name_in_an_experiment():
     for each in (made, ibdata.Experiment(**made.model_dump())):
         assert list(each.labels) == ["one", "two", "named"]
     within = {"kind": "epsilon_greedy", "base": Named(name="one"), "epsilon": 0.1}
-    with pytest.raises(ibdata.IbdataError, match="found a name in the base, expected the name beside"):
+    with pytest.raises(ibdata.IbdataError, match="name: found 'one' in a base, expected the name beside"):
         ibdata.Experiment(name="x", setpoints=70, policies=[within])
 
 
