@@ -8,6 +8,29 @@ from collections.abc import Iterable, Sequence
 
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
 
+# Around what a message says in Python and at the command line. Unicode keeps these two from being text.
+PARAMETER = re.compile("\ufdd0([^\ufdd0]*)\ufdd1([^\ufdd0]*)\ufdd0")
+at_command_line = False  # whether messages are in the words of the command line
+
+
+def parameter(name: str, value: str = "") -> str:
+    """A parameter in a message: its name, with a value in Python, and at the command line the option.
+
+    >>> str(UsageError(f"data/x: exists already; {OVERWRITE} to replace it"))
+    'data/x: exists already; overwrite=True to replace it'
+    """
+    return f"\ufdd0{name}{value}\ufdd1--{name.replace('_', '-')}\ufdd0"
+
+
+OUT, SHARDS, SPLIT, WORKERS = map(parameter, ("out", "shards", "split", "workers"))
+OVERWRITE, ALLOW_CODE = parameter("overwrite", "=True"), parameter("allow_code", "=True")
+
+
+def _worded(message: str) -> str:
+    """A message in the words of Python, or of the command line."""
+    return PARAMETER.sub(r"\2" if at_command_line else r"\1", message)
+
+
 URL = re.compile(
     r"(?P<scheme>[a-z][a-z0-9+.-]{1,30}:/{1,2})"  # a single slash if the URL was treated as a path
     r"(?P<place>[^\s?#'\"]*)"
@@ -42,13 +65,17 @@ def _without_value(pair: re.Match[str]) -> str:
 class IbdataError(ValueError):
     """Base class of ibdata's exceptions. Credentials in URLs are removed from the message.
 
-    A message names a parameter as the command line does: --allow-code is allow_code=True in Python.
+    A message names a parameter as Python does, and at the command line the option.
     """
 
     exit_code = 1
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(hidden(message))
+        self._message = hidden(message)  # which may be made in a process and shown by another
+        super().__init__(_worded(self._message))
+
+    def __str__(self) -> str:
+        return _worded(self._message)
 
 
 class UsageError(IbdataError):
@@ -81,7 +108,7 @@ def printable(line: str) -> str:
 
 def notice(line: str, prefix: str = "ibdata: ") -> None:
     """Print a line on stderr, without control characters and the credentials of URLs."""
-    print(f"{prefix}{printable(hidden(line))}", file=sys.stderr, flush=True)
+    print(f"{prefix}{printable(hidden(_worded(line)))}", file=sys.stderr, flush=True)
 
 
 def excerpt(value: object, most: int = 60) -> str:

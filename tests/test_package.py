@@ -17,7 +17,7 @@ from helpers import ROOT
 import ibdata
 from ibdata import dynamics
 from ibdata.cli import cli
-from ibdata.errors import ConfigError, Interrupted, missing
+from ibdata.errors import ConfigError, Interrupted, UsageError, missing, parameter
 from ibdata.views.options import ViewOptions
 
 PACKAGE = ROOT / "ibdata"
@@ -105,7 +105,7 @@ def test_modules_that_simulate_keep_nothing_from_one_call_to_the_next():
                 re.findall(r"^@(?:functools\.)?(?:lru_)?cache\b.*\n(?:@.*\n)*def (\w+)", text, re.M)
             )
             assert not re.search(r"^ +global ", text, re.M), name
-    assert cached == {"numbers", "sequence", "waves", "_any_policy"}
+    assert cached == {"numbers", "sequence", "waves", "_any_policy", "_is_installed"}
 
 
 # An option in a message; commands, which are to be typed as they are, are passed over.
@@ -113,7 +113,14 @@ OPTION = re.compile(r"ibdata [a-z]+ [^;]*|(?<![\w=/-])--(?P<name>[a-z]+(?:-[a-z]
 
 
 @pytest.mark.parametrize(
-    "error", [ConfigError(["a: b", "c: d"]), Interrupted(15), missing("this", "that", "extra")], ids=repr
+    "error",
+    [
+        ConfigError(["a: b", "c: d"]),
+        Interrupted(15),
+        missing("this", "that", "extra"),
+        UsageError(parameter("a")),
+    ],
+    ids=repr,
 )
 def test_an_error_survives_the_way_between_processes(error):
     again = pickle.loads(pickle.dumps(error))

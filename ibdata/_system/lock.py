@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ibdata.errors import BusyError, IbdataError
+from ibdata.errors import OUT, BusyError, IbdataError
 
 OPEN = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
 NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.ENOLCK)  # two numbers on macOS
@@ -57,7 +57,7 @@ def locked(
     descriptor = _acquired(path, shared, patience)
     if descriptor is None:
         raise BusyError(
-            f"{place or path.parent}: another process is writing here; wait for it, or choose another --out"
+            f"{place or path.parent}: another process is writing here; wait for it, or choose another {OUT}"
         )
     lock = Lock(path, descriptor)
     try:

@@ -22,7 +22,7 @@ from typing import Any
 from ibdata._system.files import part_of, paths_in, read_sealed, remove, rename, sync_folder
 from ibdata._system.lock import Lock, locked
 from ibdata._system.signals import ignore, stoppable
-from ibdata.errors import IbdataError, UsageError, is_thread_limit, notice
+from ibdata.errors import OUT, WORKERS, IbdataError, UsageError, is_thread_limit, notice
 
 LOCK, RUN, OLD = "ibdata.lock", "run", "old"  # in a part
 NOTE, RECEIPTS, DATASET = "run.json", "receipts", "dataset"  # in the folder of its run
@@ -178,7 +178,7 @@ def _irregular(folder: Path) -> Path | None:
 def resolved(out: str | os.PathLike[str]) -> Path:
     """The place of an output without links, which may lead to another disk."""
     if "\0" in os.fspath(out):
-        raise UsageError(f"--out: found {os.fspath(out)!r}, expected a path without NUL")
+        raise UsageError(f"{OUT}: found {os.fspath(out)!r}, expected a path without NUL")
     path = Path(os.path.expanduser(out))
     for name in path.parts[bool(path.anchor) :] if sys.platform == "win32" else ():
         if name != ".." and WINDOWS_NAMES.fullmatch(name):
@@ -255,13 +255,13 @@ def refusals(place: str | os.PathLike[str]) -> Iterator[None]:
         raise IbdataError(f"{place}: cannot be written: {error.strerror or error}") from error
     except MemoryError:
         raise IbdataError(
-            f"{place}: out of memory; use fewer --workers, or a smaller output.shard_rows"
+            f"{place}: out of memory; use fewer {WORKERS}, or a smaller output.shard_rows"
         ) from None
     except RuntimeError as error:
         if not is_thread_limit(error):
             raise
         raise IbdataError(
-            f"{place}: the system starts no more threads; use fewer --workers, or raise ulimit -u"
+            f"{place}: the system starts no more threads; use fewer {WORKERS}, or raise ulimit -u"
         ) from error
 
 

@@ -20,6 +20,7 @@ from typing import TextIO
 
 import click
 
+from ibdata import errors
 from ibdata._system import processes
 from ibdata._system.signals import STOPPING
 from ibdata.cli._options import Suggesting
@@ -100,6 +101,7 @@ def main(args: Sequence[str] | None = None) -> None:
     """
     if args is None:
         processes.purpose = "command"
+    errors.at_command_line = True
     sys.stdout, sys.stderr = sys.stdout or _nowhere(), sys.stderr or _nowhere()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
@@ -108,6 +110,7 @@ def main(args: Sequence[str] | None = None) -> None:
     _end_at_signals()
     code = _run(list(sys.argv[1:] if args is None else args))
     _flush()
+    errors.at_command_line = False
     if args is None:
         atexit._run_exitfuncs()
         _flush()

@@ -17,7 +17,7 @@ from ibdata._numerics.arguments import public
 from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.models import JsonObject, Sha256
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, parameter
 from ibdata.experiment.catalogue import full_name
 from ibdata.experiment.scenario import scenario_of
 from ibdata.views.options import ViewOptions
@@ -243,9 +243,10 @@ def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Aga
     Raises UsageError if there are none, or if no evaluation of the set has the chosen settings.
     """
     lines = shipped_baselines()
-    path = full_name("--against", name, list(dict.fromkeys(line.set for line in lines)))
+    path = full_name(parameter("against"), name, list(dict.fromkeys(line.set for line in lines)))
     if view.reward.kind != "classic":
-        raise UsageError(f"--reward: found {view.reward.kind}, expected classic: --against compares with it")
+        found = f"{parameter('reward')}: found {view.reward.kind}"
+        raise UsageError(f"{found}, expected classic: {parameter('against')} compares with it")
     of_set = [(line, evaluated) for line in lines if line.set == path for evaluated in line.evaluations]
     settings = _agreeing(name, [evaluated.settings for _, evaluated in of_set], chosen)
     return Against(settings, [pair for pair in of_set if pair[1].settings == settings])
@@ -265,8 +266,8 @@ def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[
     key, value = next(iter(fewest.items()))
     known = dict.fromkeys(_shown(form[key]) for form in forms)
     raise UsageError(
-        f"--{key}: found {_shown(value)}, expected {' or '.join(known)}: --against {name} "
-        f"compares with the returns of {_text(nearest)}"
+        f"{parameter(key)}: found {_shown(value)}, expected {' or '.join(known)}: "
+        f"{parameter('against')} {name} compares with the returns of {_text(nearest)}"
     )
 
 

@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 
 from ibdata._numerics.arguments import can_act, native
 from ibdata._numerics.naming import exact, unequal
-from ibdata.errors import ConfigError, UsageError, notice, printable, suggestion
+from ibdata.errors import ALLOW_CODE, ConfigError, UsageError, notice, printable, suggestion
 from ibdata.experiment.messages import refusals, shown
 from ibdata.experiment.scenario import Scenario
 from ibdata.experiment.yaml import Document, StrictYamlError
@@ -96,7 +96,7 @@ def _parsed(argument: Any, history: int, allow_code: bool) -> tuple[Policy, bool
         if custom.checked_with["folder"] is not None:  # it is from a file
             raise UsageError(
                 f"policy {policy.label}: found the custom policy {printable(custom.target)} of a file, "
-                "which is code that would run; --allow-code if you trust it"
+                f"which is code that would run; {ALLOW_CODE} if you trust it"
             )
     return policy, takes_history
 

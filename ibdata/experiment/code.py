@@ -17,7 +17,7 @@ from ibdata._system import processes
 from ibdata._system.files import file_sha256
 from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
-from ibdata.errors import UsageError, printable
+from ibdata.errors import ALLOW_CODE, UsageError, printable
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies.code import OTHERS, file_of, is_of_user, refuse_within_itself, two_places
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
@@ -33,7 +33,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
     if targets and not allow_code:
         raise UsageError(
             f"{where}: found a custom policy, {printable(', '.join(targets))}, which is code that would run; "
-            "--allow-code if you trust it"
+            f"{ALLOW_CODE} if you trust it"
         )
     refuse_within_itself(targets)
     for user_object in spec.live:

@@ -13,7 +13,7 @@ from ibdata._system.storage import local
 from ibdata.dataset import manifest
 from ibdata.dataset.dataset import to_write
 from ibdata.dataset.quality import quality
-from ibdata.errors import UsageError, notice
+from ibdata.errors import OVERWRITE, UsageError, notice
 from ibdata.experiment.dataset_spec import spec_in
 from ibdata.generation.card import card_of
 from ibdata.generation.finish import refuse_other_plan
@@ -75,4 +75,4 @@ def _refuse_edited(file: Path, own: set[bytes], overwrite: bool) -> None:
     except OSError as error:
         raise UsageError(f"{file}: cannot be replaced: {error.strerror}; move it away") from None
     if text not in own and not overwrite:
-        raise UsageError(f"{file}: found other text than ibdata writes now; --overwrite to replace it")
+        raise UsageError(f"{file}: found other text than ibdata writes now; {OVERWRITE} to replace it")

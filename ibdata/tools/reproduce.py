@@ -10,7 +10,7 @@ from ibdata._system.storage import existing, local
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.dataset.stored import Stored
-from ibdata.errors import UsageError, notice
+from ibdata.errors import UsageError, notice, parameter
 from ibdata.experiment.code import changed_here, consented_spec, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import refuse_other_plan, root_of
@@ -97,7 +97,7 @@ def _parts(spec: DatasetSpec, count: int | None, total: int) -> Iterator[Shard]:
         yield from spec.shards
         return
     if count < 1:
-        raise UsageError(f"--episodes: found {count}, expected a whole number of at least 1")
+        raise UsageError(f"{parameter('episodes')}: found {count}, expected a whole number of at least 1")
     count = min(count, total)
     episodes = [i * total // count for i in range(count)]
     for shard in spec.shards:

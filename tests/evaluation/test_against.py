@@ -68,7 +68,7 @@ def test_settings_are_those_of_the_first_evaluation_that_agrees(evaluated_twice,
 
 
 def test_settings_that_agree_with_no_evaluation_are_refused_beside_the_nearest(evaluated_twice):
-    message = r"--steps: found 7, expected 4: .* start \{burn_in: \[2, 5\]\}, .* discount 1,"
+    message = r"steps: found 7, expected 4: .* start \{burn_in: \[2, 5\]\}, .* discount 1,"
     with pytest.raises(IbdataError, match=message):
         ibdata.evaluate("safe", against="random", discount=1, start={"burn_in": [2, 5]}, steps=7)
     with pytest.raises(IbdataError, match=r"found uniform, expected default or \{burn_in: \[2, 5\]\}: "):
@@ -105,13 +105,16 @@ def still(observations):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"episodes": 100}, "--episodes: found 100, expected 200: --against optimized-40 compares"),
+        ({"episodes": 100}, "episodes: found 100, expected 200: against optimized-40 compares"),
         ({"discount": 0.99}, "discount: found 0.99, expected 0.97"),
-        ({"setpoint": [70, 50]}, "--setpoint: found [70, 50], expected 70"),
+        ({"setpoint": [70, 50]}, "setpoint: found [70, 50], expected 70"),
         ({"start": {"burn_in": [1, 2]}}, "start: found {burn_in: [1, 2]}, expected default"),
         ({"dynamics": "paper"}, "dynamics: found paper, expected siemens"),
-        ({"view": {"reward": "delta"}}, "--reward: found delta, expected classic: --against compares"),
-        ({"against": "medium"}, "--against: found 'medium', expected one of optimized-40, d4rl-like/medium"),
+        (
+            {"view": {"reward": "delta"}},
+            "reward: found delta, expected classic: against compares",
+        ),
+        ({"against": "medium"}, "against: found 'medium', expected one of optimized-40, d4rl-like/medium"),
         ({"against": "optimised-40"}, "did you mean 'optimized-40'?"),
     ],
 )

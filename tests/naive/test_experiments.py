@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import pickle
+import re
+import shutil
+import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
 
@@ -12,6 +16,8 @@ import pytest
 from helpers.networks import weights
 
 import ibdata
+from ibdata import errors
+from ibdata.cli import main
 from ibdata.errors import BusyError, ConfigError, UsageError
 from ibdata.plots import plot
 from ibdata.tools.card import card
@@ -52,6 +58,13 @@ def test_a_dataset_is_replaced_while_it_is_open(replaced, tmp_path, monkeypatch,
     with pytest.raises(BusyError, match=r"m: replaced while it was read; open it again$"):
         call(replaced)
     assert ibdata.validate(replaced.path) == []
+
+
+def test_columns_and_policies_are_in_sets(replaced):
+    """A set has no order of its own: its columns are sorted, in every process."""
+    ds = ibdata.open(replaced.path)
+    assert ds.table({"step", "act_gain", "episode"}).column_names == ["act_gain", "episode", "step"]
+    assert len(ds.select(policy={"safe", "random"}, setpoint={70, 20}.intersection([20]))) == 10
 
 
 class ForeignError(Exception):
@@ -260,3 +273,67 @@ def test_dynamics_are_out_of_range():
     ):
         with pytest.raises(ConfigError, match=rf"^dynamics\.{field}{place}: found .*, expected a"):
             ibdata.load({**PLAIN, "dynamics": {"base": "siemens", field: wrong}})
+
+
+NAMED = {  # what is wrong, in the words of Python and of the command line
+    "a set of other settings": (
+        lambda: ibdata.evaluate("safe", 50, against="optimized-40"),
+        ["evaluate", "safe", "--setpoint", "50", "--against", "optimized-40"],
+        "{setpoint}: found 50, expected 70: {against} optimized-40 compares with",
+    ),
+    "no such number": (
+        lambda: ibdata.reproduce("m", 0),
+        ["reproduce", "m", "--episodes", "0"],
+        "{episodes}: found 0, expected a whole number of at least 1",
+    ),
+    "code of a file": (
+        lambda: ibdata.evaluate("p.yaml"),
+        ["evaluate", "p.yaml"],
+        "policy custom: found the custom policy a:b of a file, which is code that would run; "
+        "{allow_code=True|--allow-code} if you trust it",
+    ),
+    "a card of one's own": (
+        lambda: card("m"),
+        ["card", "m"],
+        "m/README.md: found other text than ibdata writes now; {overwrite=True|--overwrite} to replace it",
+    ),
+}
+
+
+@pytest.mark.parametrize(("call", "args", "line"), NAMED.values(), ids=NAMED)
+def test_a_message_names_an_argument(replaced, tmp_path, monkeypatch, capsys, call, args, line):
+    """A notebook is told of keyword arguments, a shell of options; what a user has written stays as it is."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # the pictures of a card take seconds
+    shutil.copytree(replaced.path, "m")
+    (tmp_path / "m/README.md").write_text("\ufdd0mine --overwrite=")
+    (tmp_path / "p.yaml").write_text("{kind: custom, target: 'a:b'}")
+    with pytest.raises(ibdata.IbdataError) as error:
+        call()
+    in_python, in_shell = (re.sub(r"\{([^}|]*)(\|[^}]*)?\}", which, line) for which in (r"\1", shell))
+    assert str(error.value).startswith(in_python)
+    of_a_worker = pickle.loads(pickle.dumps(error.value))
+    assert str(of_a_worker) == str(error.value)
+    with monkeypatch.context() as shown:
+        shown.setattr(errors, "at_command_line", True)
+        assert str(of_a_worker).startswith(in_shell)
+    with pytest.raises(SystemExit):
+        main(args)
+    assert capsys.readouterr().err.splitlines()[-1].removeprefix("ibdata: ").startswith(in_shell)
+    with pytest.raises(ibdata.IbdataError, match=re.escape(in_python)):
+        call()
+
+
+def shell(word):
+    """The words of the command line, which differ from Python's or are an option of the same name."""
+    return word[2][1:] if word[2] else f"--{word[1]}"
+
+
+def test_names_of_a_user_look_like_options(tmp_path, capsys):
+    """A folder named --out and a split named overwrite= are named as they are, here and there."""
+    for call in (lambda: ibdata.open("--out"), lambda: main(["info", "--", "--out"])):
+        try:
+            call()
+        except (ibdata.IbdataError, SystemExit) as error:
+            said = str(error) if isinstance(error, ibdata.IbdataError) else capsys.readouterr().err
+        assert "--out" in said

@@ -90,7 +90,7 @@ def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
     shard = shard_file(mine / "out", 1)
     (mine / "out" / shard).unlink()
     for call in (ibdata.repair, ibdata.reproduce):
-        with pytest.raises(UsageError, match="which is code that would run; --allow-code"):
+        with pytest.raises(UsageError, match="which is code that would run; allow_code=True if you trust it"):
             call("out")
     assert not (mine / "imported").exists()
     assert ibdata.repair("out", workers=1, allow_code=True) == [shard]

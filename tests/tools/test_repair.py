@@ -160,7 +160,7 @@ def test_what_cannot_be_repaired_is_named_and_stays(copied, prepare, line):
 def test_a_dataset_is_reproduced_whole_or_in_part(made):
     for episodes, count in ((None, 12), (5, 5), (100, 12)):
         assert ibdata.reproduce(made.path, episodes) == (count, [])
-    with pytest.raises(UsageError, match=r"^--episodes: found -3, expected a whole number of at least 1"):
+    with pytest.raises(UsageError, match=r"^episodes: found -3, expected a whole number of at least 1"):
         ibdata.reproduce(made.path, -3)
 
 
