@@ -15,7 +15,7 @@ from ibdata._system.configs import shipped
 from ibdata._system.part import DATASET, Part, note_of, resolved
 from ibdata._system.storage import Storage, in_data, local, reason, storage
 from ibdata.dataset.models import Manifest, parse
-from ibdata.errors import DatasetError, UsageError, nearest, printable
+from ibdata.errors import OUT, DatasetError, UsageError, nearest, printable
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
@@ -118,7 +118,7 @@ def refuse_inside(out: Path) -> None:
     datasets would take the column. Or it is no place, for no path contains NUL.
     """
     if "\0" in str(out):
-        raise UsageError(f"--out: found {str(out)!r}, expected a path without NUL")
+        raise UsageError(f"{OUT}: found {str(out)!r}, expected a path without NUL")
     path, place = local(out), Path(os.path.realpath(local(out)))
     refuse_partition([*path.absolute().parts, *place.parts], out)
     for folder in place.parents:

@@ -61,7 +61,7 @@ def transfer(
 def _budget(spec: DatasetSpec, shots: int | None, transitions: int | None) -> int | None:
     """The number of episodes of each cell that the budget allows; None for all."""
     if shots is not None and transitions is not None:
-        raise UsageError("split: found --shots and --transitions, expected one of them")
+        raise UsageError("split: found shots and transitions, expected one of them")
     if transitions is None:
         if shots is not None and shots < 1:
             raise UsageError(f"split: found {counted(shots, 'shot')}, expected at least 1")
@@ -117,7 +117,7 @@ def _held_out(spec: DatasetSpec, outer: bool) -> Splits:
 def distance(spec: DatasetSpec, source: Sequence[float] = (), within: float | None = None) -> Splits:
     """`source`, `near` (other setpoints at most `within` from the nearest of the source) and `far`."""
     if not source or within is None:
-        raise UsageError("split: the scheme distance needs both --source and --within")
+        raise UsageError("split: the scheme distance needs both source and within")
     known = setpoints(spec)
     _refuse_unknown(source, known)
     candidates = [setpoint for setpoint in known if setpoint not in source]

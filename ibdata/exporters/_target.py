@@ -16,7 +16,7 @@ from typing import Any
 from ibdata._system import files, signals
 from ibdata._system.part import locked_part, resolved, tidy
 from ibdata.dataset import manifest
-from ibdata.errors import IbdataError, UsageError, missing
+from ibdata.errors import OUT, OVERWRITE, SPLIT, IbdataError, UsageError, missing
 
 HEAD = 8  # bytes
 CSV = b'"episode","step"'
@@ -36,14 +36,14 @@ def whole(target: Path, overwrite: bool = False) -> Iterator[Path]:
     place = resolved(target)
     with locked_part(place, target) as part:
         if part.receipts:
-            raise UsageError(f"{target}: an unfinished run of generate has this name; choose another --out")
+            raise UsageError(f"{target}: an unfinished run of generate has this name; choose another {OUT}")
         part.clear()
         export = part.folder / "export" / target.name  # a name of its own, because Minari looks at the folder
         export.parent.mkdir()
         try:
             yield export
         except MemoryError:
-            raise IbdataError(f"{target}: out of memory; use a smaller --history, or --split") from None
+            raise IbdataError(f"{target}: out of memory; use a smaller history, or one {SPLIT}") from None
         signals.check()  # HDF5 loses exceptions
         files.sync_all(export)
         _refuse(target, overwrite)
@@ -56,15 +56,15 @@ def _refuse(target: Path, overwrite: bool) -> None:
     manifest.refuse_inside(target)
     if os.path.lexists(target) and not overwrite:
         raise UsageError(
-            f"{target}: exists already; choose another --out, or --overwrite to replace an export"
+            f"{target}: exists already; choose another {OUT}, or {OVERWRITE} to replace an export"
         )
     if os.path.exists(target / manifest.PATH):
-        raise UsageError(f"{target}: is a dataset, which no export replaces; choose another --out")
+        raise UsageError(f"{target}: is a dataset, which no export replaces; choose another {OUT}")
     if (target / "data").is_dir() and not is_folder_export(target):
-        raise UsageError(f"{target}: found no export of ibdata; move it away, or choose another --out")
+        raise UsageError(f"{target}: found no export of ibdata; move it away, or choose another {OUT}")
     for file in (target, target / "arrays.parquet"):
         if file.is_file() and not is_export(file):
-            raise UsageError(f"{file}: found no export of ibdata; move it away, or choose another --out")
+            raise UsageError(f"{file}: found no export of ibdata; move it away, or choose another {OUT}")
 
 
 def _refuse_others(place: Path, export: Path) -> None:
@@ -74,7 +74,7 @@ def _refuse_others(place: Path, export: Path) -> None:
         if path.match("chunk-*/file-*.parquet") and is_export(path):
             continue  # of LeRobot's format, which numbers its files
         if not ((export / name).exists() or (path.is_file() and files.is_litter(name.name))):
-            raise UsageError(f"{place}: found {name}, which is not of such an export; choose another --out")
+            raise UsageError(f"{place}: found {name}, which is not of such an export; choose another {OUT}")
 
 
 def library(module: str, format: str, extra: str, package: str | None = None) -> Any:

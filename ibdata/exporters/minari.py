@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ibdata.dataset.reference_returns import scale_of
-from ibdata.errors import UsageError
+from ibdata.errors import OUT, UsageError, parameter
 from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.exporters._source import Arrays, Block, Source
 from ibdata.exporters._target import hdf5_file, library
@@ -40,7 +40,7 @@ def place(source: Source, out: Path, id: str | None = None) -> Path:
         if (folder / "data").exists() or "data" in name.parts[:-1]:
             raise UsageError(
                 f"{folder}: found a folder named data in it, which Minari would take for a dataset's; "
-                "choose another --out or --id"
+                f"choose another {OUT} or {parameter('id')}"
             )
     return out / name
 
@@ -112,7 +112,7 @@ def _id(source: Source, id: str | None) -> str:
     if not ID.fullmatch(name) or "//" in name:
         raise UsageError(
             f"id: found {name!r}, expected NAMESPACE/NAME-vN of letters, digits, _ and -, "
-            "with a namespace of two characters or more; choose one with --id"
+            "with a namespace of two characters or more; choose another"
         )
     return name
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ibdata._numerics.naming import counted, exact
-from ibdata.errors import UsageError
+from ibdata.errors import SPLIT, UsageError
 from ibdata.exporters._source import Arrays, Block, Source, write_npz
 
 HISTORY = 30
@@ -22,14 +22,14 @@ def export(source: Source, path: Path, target: Path) -> str:
     """Write the NPZ. Raises UsageError for several setpoints or too many rows."""
     if source.rows > MAX_ROWS:
         raise UsageError(
-            f"neorl: found {counted(source.rows, 'row')}, expected at most {MAX_ROWS:,}; use --split"
+            f"neorl: found {counted(source.rows, 'row')}, expected at most {MAX_ROWS:,}; use one {SPLIT}"
         )
     if source.info.drifting:
         raise UsageError("neorl: found moving setpoints, expected one that is constant; use another format")
     if len(source.setpoints) > 1:
         shown = ", ".join(exact(p) for p in sorted(source.setpoints)[:5])
         raise UsageError(
-            f"neorl: found the setpoints {shown}, expected one setpoint; use --split, see ibdata split"
+            f"neorl: found the setpoints {shown}, expected one setpoint; use one {SPLIT}, see ibdata split"
         )
     write_npz(source, _arrays, path, index=np.cumsum(source.lengths))
     return f"""\

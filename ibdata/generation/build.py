@@ -28,7 +28,7 @@ from ibdata._system.part import (
 )
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
-from ibdata.errors import DatasetError, Interrupted, UsageError, notice
+from ibdata.errors import OUT, OVERWRITE, SHARDS, DatasetError, Interrupted, UsageError, notice
 from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import finish
@@ -54,7 +54,7 @@ class Build:
         new: bool = False,
         name: str | None = None,
         record: Record | None = None,
-        replaces: str | None = "--overwrite",
+        replaces: str | None = OVERWRITE,
     ) -> None:
         """Plan a dataset, with which `overwrite` replaces another one, and `new` refuses every other one.
 
@@ -111,14 +111,14 @@ class Build:
                     raise self._refused_run(difference)
                 return False
             if self._new:
-                raise UsageError(f"{self.name}: exists already; choose another --out")
+                raise UsageError(f"{self.name}: exists already; choose another {OUT}")
             try:
                 listed = manifest.read(place)
             except DatasetError as error:
                 why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
                 raise UsageError(
                     f"{self.name}: not a dataset of ibdata, left as it is{why}; move it away, or choose "
-                    "another --out"
+                    f"another {OUT}"
                 ) from None
             if self._overwrite:
                 _refuse_files(place, listed)
@@ -158,7 +158,7 @@ class Build:
         return self._refused(self._run_in_words(difference), ", ".join(ways))
 
     def _refused(self, what: str, ways: str) -> UsageError:
-        return UsageError(f"{self.name}: holds {what}; {ways}, or choose another --out")
+        return UsageError(f"{self.name}: holds {what}; {ways}, or choose another {OUT}")
 
     @contextmanager
     def open(self, record: Record, shared: bool = False) -> Iterator[None]:
@@ -240,7 +240,7 @@ class Build:
             return
         folder, record = self.run / DATASET, self._record
         assert record is not None
-        remedy = "run the same command again, or make them with --shards"
+        remedy = f"run the same command again, or make them with {SHARDS}"
         written = all_written(self.run, self.spec.shards, self.name, remedy, is_right)
         paths = {shard.entry.path for shard in written}
         for file in (folder / "data").iterdir():
@@ -266,13 +266,13 @@ def _refuse_place(path: Path, name: str) -> None:
     here = Path.cwd()
     around = [each for each in (here, *here.parents) if str(each).lower() == str(path).lower()]
     if path in around or (path.exists() and any(map(path.samefile, around))):  # macOS has names in any case
-        raise UsageError(f"{name}: is the current folder or around it; choose another --out")
+        raise UsageError(f"{name}: is the current folder or around it; choose another {OUT}")
     if os.path.ismount(path):
         raise UsageError(f"{name}: is a mount point, which cannot be replaced; choose a folder in it")
     there = next(each for each in (path, *path.parents) if os.path.lexists(each))
     if not there.is_dir():
         where = "is" if there == path else "lies in"
-        raise UsageError(f"{name}: {where} a file, not a folder; choose another --out")
+        raise UsageError(f"{name}: {where} a file, not a folder; choose another {OUT}")
 
 
 def refuse_name(parts: Sequence[str], place: str | os.PathLike[str]) -> None:
@@ -307,7 +307,7 @@ def refuse_damage(listed: Manifest, size_of: Callable[[str], int | None], name: 
         if size_of(path) != entry.bytes:
             raise DatasetError(
                 f"{name}/{path}: missing or not whole, but the dataset is finished; ibdata repair makes the "
-                "file again, --overwrite the dataset"
+                f"file again, {OVERWRITE} the dataset"
             )
 
 
@@ -318,7 +318,7 @@ def _refuse_files(folder: Path, listed: Manifest) -> None:
         raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
     for parent in (folder.parent, folder, folder / "data", folder / "meta"):
         if not os.access(parent, os.W_OK | os.X_OK):
-            raise UsageError(f"{parent}: cannot be written, expected a folder that --overwrite may replace")
+            raise UsageError(f"{parent}: cannot be written, expected a folder that {OVERWRITE} may replace")
 
 
 def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:

@@ -19,7 +19,7 @@ from ibdata._system.part import existing_paths, resolved, tidy
 from ibdata._system.progress import Progress
 from ibdata._system.storage import Remote, is_url, local, refuse_url, url_of
 from ibdata.dataset.dataset import Dataset
-from ibdata.errors import UsageError, notice
+from ibdata.errors import OUT, OVERWRITE, SHARDS, UsageError, notice
 from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
@@ -93,8 +93,8 @@ def generate(
         require_consent(spec, spec.name, allow_code, again=elsewhere)
     if shard_range is not None:
         if folder or overwrite:
-            problem = "a folder of experiments" if folder else "--overwrite"
-            raise UsageError(f"--shards: found {problem} too, but these cannot be combined")
+            problem = "a folder of experiments" if folder else OVERWRITE
+            raise UsageError(f"{SHARDS}: found {problem} too, but these cannot be combined")
         return make_range(shard_range, specs[0], places[0], run, Progress(progress))
     if not folder:
         return _generate_one(specs[0], places[0], run, overwrite, Progress(progress))
@@ -127,7 +127,7 @@ def places_of(
         raise UsageError(f"{out}: found a URL for a folder of experiments, expected a folder")
     root = Path("data", folder.resolve().name) if out is None else Path(out)
     if os.path.lexists(local(root)) and not local(root).is_dir():
-        raise UsageError(f"{root}: is a file, not a folder; choose another --out")
+        raise UsageError(f"{root}: is a file, not a folder; choose another {OUT}")
     return [root / file.stem for file in files]
 
 
@@ -184,7 +184,7 @@ class Range(NamedTuple):
         whole = slash and all(x.isascii() and x.isdigit() and len(x) < 10 for x in (part, parts))
         if not whole or not 1 <= int(part) <= int(parts) <= MAX_PARTS:
             raise UsageError(
-                f"--shards: found {text!r}, expected i/n with i from 1 to n, such as 1/3, 2/3 and 3/3"
+                f"{SHARDS}: found {text!r}, expected i/n with i from 1 to n, such as 1/3, 2/3 and 3/3"
             )
         return cls(int(part), int(parts))
 
@@ -234,9 +234,9 @@ def make_range(
     Finished shards are not made again, so the same call continues a part that was stopped.
     """
     if isinstance(place, str):
-        raise UsageError(f"{place}: found a URL with --shards, expected a folder that all hosts share")
+        raise UsageError(f"{place}: found a URL with {SHARDS}, expected a folder that all hosts share")
     shards, missing = shard_range.of(spec.shards), 0
-    build = Build(place, spec, replaces="--overwrite without --shards")
+    build = Build(place, spec, replaces=f"{OVERWRITE} without {SHARDS}")
     if not build.look():
         with process_for(spec) as process:
             record = process.call(observe)  # for up to a minute, while other hosts need the lock

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, Protocol
 from ibdata._system import processes
 from ibdata._system.pipes import Connection, start
 from ibdata._system.signals import held, leave_to_parent
-from ibdata.errors import IbdataError, notice
+from ibdata.errors import WORKERS, IbdataError, notice
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies.code import Acting, is_fresh
 
@@ -141,7 +141,7 @@ class Worker:
         except (EOFError, ConnectionError):
             raise IbdataError(
                 f"a worker process ended with code {self._process.wait()}, perhaps for lack of memory; run "
-                "again with fewer --workers"
+                f"again with fewer {WORKERS}"
             ) from None
         if isinstance(answer, Failure):
             raise answer.error from RuntimeError(answer.traceback)

@@ -139,9 +139,9 @@ def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[b
             except Exception as error:  # Ray raises whatever went wrong
                 reason = (str(error).splitlines() or [""])[0]
                 if place == "local":
-                    raise IbdataError(f"--engine: ray: did not start on this machine ({reason})") from None
+                    raise IbdataError(f"engine: ray: did not start on this machine ({reason})") from None
                 raise IbdataError(
-                    f"--address: {place}: found no answer ({reason}), expected a running Ray; correct the "
+                    f"address: {place}: found no answer ({reason}), expected a running Ray; correct the "
                     "address or leave it out"
                 ) from None
         yield place == "local"

@@ -17,7 +17,7 @@ from ibdata._system.part import locked_part
 from ibdata._system.signals import check
 from ibdata._system.storage import Remote, Storage, reason
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, IbdataError, Interrupted, UsageError, hidden
+from ibdata.errors import OUT, OVERWRITE, DatasetError, IbdataError, Interrupted, UsageError, hidden
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.build import other_dataset, refuse_damage, refuse_name
 
@@ -51,10 +51,10 @@ def is_there(remote: Remote, spec: DatasetSpec, work: Path, overwrite: bool) -> 
             raise
         raise UsageError(
             f"{remote.name}: holds files, but no finished dataset, such as {min(sizes)}; remove them, or "
-            "choose another --out"
+            f"choose another {OUT}"
         ) from None
     if other := other_dataset(listed, spec):
-        raise UsageError(f"{remote.name}: holds {other}; remove it, or choose another --out")
+        raise UsageError(f"{remote.name}: holds {other}; remove it, or choose another {OUT}")
     refuse_damage(listed, sizes.get, remote.name)
     with suppress(DatasetError):
         if manifest.read(work).checksum == listed.checksum:  # an upload was killed at its end
@@ -66,7 +66,7 @@ def refuse_overwrite(url: str, overwrite: bool) -> None:
     """Raise UsageError where a dataset at a URL is to be replaced."""
     if overwrite:
         raise UsageError(
-            f"{hidden(url)}: --overwrite is for folders; remove what is there, or choose another --out"
+            f"{hidden(url)}: {OVERWRITE} is for folders; remove what is there, or choose another {OUT}"
         )
 
 

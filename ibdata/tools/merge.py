@@ -10,7 +10,7 @@ from pathlib import Path
 from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import NAME_PATTERN, counted, exact
 from ibdata.dataset.dataset import Dataset
-from ibdata.errors import UsageError
+from ibdata.errors import UsageError, parameter
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
@@ -77,7 +77,7 @@ def _refuse_shared_episodes(experiments: Sequence[Experiment], sources: Sequence
                 raise UsageError(
                     f"{source.dataset.place}: setpoint {exact(cell.setpoint)}, policy {cell.label}: the "
                     f"same episodes are also in {known.dataset.place}; {remedy}make one of the datasets with "
-                    "another --seed"
+                    f"another {parameter('seed')}"
                 )
 
 

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ibdata._numerics.arguments import public
 from ibdata.dataset.dataset import Dataset, Place, to_write
-from ibdata.errors import UsageError, meant
+from ibdata.errors import UsageError, meant, parameter
 from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.fields import SplitName
@@ -86,7 +86,8 @@ def split(
     }
     if by not in OPTIONS and (by is not None or chosen or not (remove or materialize)):
         found = "nothing" if by is None else repr(by)
-        raise UsageError(f"split: found {found}, expected a property: --by setpoint, episode or policy")
+        properties = f"{parameter('by')} setpoint, episode or policy"
+        raise UsageError(f"split: found {found}, expected a property: {properties}")
     splits = _made(spec, by, chosen) if by else {}
     new = _named(splits, prefix, names or {})
     _refuse_names(dataset, spec, new)
@@ -117,7 +118,7 @@ def _made(spec: DatasetSpec, by: str, given: dict[str, Any]) -> Splits:
 def _named(splits: Splits, prefix: str | None, names: Mapping[str, str]) -> Splits:
     """The splits under the names asked for."""
     if not splits and (prefix is not None or names):
-        raise UsageError("split: found a name or a prefix, but no splits to make; expected --by")
+        raise UsageError("split: found a name or a prefix, but no splits to make; expected a property")
     for name in names:
         if name not in splits:
             raise UsageError(f"split: found {name!r} to be renamed{meant(name, splits)}")
@@ -146,7 +147,7 @@ def _refuse_names(dataset: Dataset, spec: DatasetSpec, new: Splits) -> None:
         if name in declared:
             raise UsageError(
                 f"{dataset.place}: {name} is a declared split, which has files of its own; choose another "
-                "name with --prefix or --name"
+                "name with a prefix"
             )
         try:
             valid.validate_python(name)

@@ -99,7 +99,7 @@ REFUSED = [
     ({"view": {"obsreve": 1}}, "obsreve: no such option; did you mean 'observe'"),
     ({"view": "markov"}, "view: found 'markov', expected a mapping or None"),
     ({"id": "ib/x-v0"}, "id: found 'ib/x-v0', but the format npz has no ids; leave it out"),
-    ({"history": 10**9}, "made: out of memory; use a smaller --history, or --split"),
+    ({"history": 10**9}, "made: out of memory; use a smaller history, or one split"),
 ]
 
 

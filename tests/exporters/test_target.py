@@ -43,7 +43,7 @@ def test_an_export_is_replaced_only_when_that_is_said(dataset, tmp_path, to, mon
     options = {"split": "target", "history": 2}
     ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to))
     before = files(tmp_path)
-    with pytest.raises(UsageError, match=r"exists already; .* or --overwrite to replace an export"):
+    with pytest.raises(UsageError, match=r"exists already; .* or overwrite=True to replace an export"):
         ibdata.export(dataset, to, tmp_path / "made", **options)
     with monkeypatch.context() as full:
         full.setattr("ibdata.exporters._target.files.sync_all", Mock(side_effect=OSError(28, "no room")))

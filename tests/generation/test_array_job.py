@@ -56,9 +56,7 @@ def interleaved(monkeypatch):
 
 def test_what_is_no_range_is_refused():
     for text in ("1", "0/3", "4/3", "1/3/3", "1/ 3", "²/3", "1/999999"):
-        with pytest.raises(
-            UsageError, match=r"^--shards: found .*, expected i/n with i from 1 to n, such as"
-        ):
+        with pytest.raises(UsageError, match=r"^shards: found .*, expected i/n with i from 1 to n, such as"):
             make(text)
     assert contents() == {}
 

@@ -60,7 +60,9 @@ def test_what_would_ask_it_again_is_refused_in_one_line(plain):
 def test_a_dataset_of_an_object_is_never_already_there(plain):
     """Nobody can tell whether it is that of this object, or of the same as it is now."""
     made = ibdata.generate(plain, "out")
-    with pytest.raises(UsageError, match=r"^out: holds the dataset of an object of a Python session; --over"):
+    with pytest.raises(
+        UsageError, match=r"^out: holds the dataset of an object of a Python session; overwrite=True"
+    ):
         ibdata.generate(plain, "out")
     assert ibdata.generate(plain, "out", overwrite=True).content_root == made.content_root
     experiment = ibdata.load(ibdata.load(plain), {"steps": 4, "policies.1.epsilon": 1.0})

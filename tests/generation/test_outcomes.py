@@ -40,15 +40,17 @@ def without(path):
 
 
 SEED = "another experiment (seed: found 1, expected 0)"
-REPLACE = f"out: holds the dataset of {SEED}; --overwrite to replace it, or choose another --out"
-BOTH = f"out: holds the dataset of {SEED}, and an unfinished run {{}} shards; --overwrite to replace both, or"
-FILE = "out: is a file, not a folder; choose another --out"
-FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose another --out"
+REPLACE = f"out: holds the dataset of {SEED}; overwrite=True to replace it, or choose another out"
+BOTH = (
+    f"out: holds the dataset of {SEED}, and an unfinished run {{}} shards; overwrite=True to replace both, or"
+)
+FILE = "out: is a file, not a folder; choose another out"
+FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose another out"
 DAMAGED = "out: not a dataset of ibdata, left as it is ("
 NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
 LOST = "out/meta/experiment.yaml: missing or not whole, but the dataset is finished; ibdata repair makes"
 HALF = "out/data/part-00001-"
-DROP = "remove .out.part/run to drop it, --overwrite "
+DROP = "remove .out.part/run to drop it, overwrite=True "
 WORDS = {
     "of other bits": "of a machine that computes other bits, 1 of 4",
     "another's": f"of {SEED}, 1 of 4",
@@ -99,7 +101,7 @@ CASES = [
     ),
     *(("nothing", part, {"shards": "1/4"}, outcome) for part, outcome in zip(PARTS, FREE, strict=True)),
     ("the dataset", "mine", {"shards": "1/4"}, "there"),
-    ("another dataset", "mine", {"shards": "1/4"}, REPLACE.replace("to", "without --shards to")),
+    ("another dataset", "mine", {"shards": "1/4"}, REPLACE.replace("to", "without shards to")),
 ]
 PREVIEWS = {"made": "make it", "dropped": "make it"}
 PREVIEWS |= {"goes on": "go on after 1 finished shard", "there": "open the finished dataset"}

@@ -170,8 +170,8 @@ def test_overwrite_drops_the_run_of_a_third_experiment(files, capsys):
         ibdata.generate(TINY, "out", workers=1)
     assert str(refused.value) == (
         "out: holds the dataset of another experiment (seed: found 1, expected 0), and an unfinished run of "
-        "another experiment (seed: found 3, expected 0), 1 of 4 shards; --overwrite to replace both, or "
-        "choose another --out"
+        "another experiment (seed: found 3, expected 0), 1 of 4 shards; overwrite=True to replace both, or "
+        "choose another out"
     )
     replace()
     dropped = "dropped an unfinished run of another experiment (seed: found 3, expected 0), 1 of 4 shards"

@@ -226,7 +226,7 @@ def _one_processor(monkeypatch):
 FULL = OSError(28, "No space left on device")
 ERRORS = {  # after how many shards what is raised, what is seen, and its line
     "a full disk": (0, FULL, IbdataError, r"^a/b: cannot be written: No space left on device$"),
-    "memory": (2, MemoryError(), IbdataError, r"^a/b: out of memory; use fewer --workers"),
+    "memory": (2, MemoryError(), IbdataError, r"^a/b: out of memory; use fewer workers"),
     "a signal": (2, Interrupted(15), Interrupted, r"^stopped by signal 15; 2 shards are"),
     "an early signal": (0, Interrupted(15), Interrupted, r"^stopped by signal 15; nothing"),
     "a bug": (2, ZeroDivisionError(), ZeroDivisionError, None),

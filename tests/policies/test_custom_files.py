@@ -54,7 +54,7 @@ def test_a_file_is_found_with_what_it_imports_of_which_an_edit_makes_new_data(be
     assert code["sha256"] == sha256(folder / "own-policy.py")
     assert code["files"] == {"size_of_mine.py": sha256(folder / "size_of_mine.py")}
     (folder / "size_of_mine.py").write_text("SIZE = 0.25")
-    with pytest.raises(UsageError, match=r"out: holds .* other code, in size_of_mine\.py; --overwrite"):
+    with pytest.raises(UsageError, match=r"out: holds .* other code, in size_of_mine\.py; overwrite=True"):
         beside("code/own-policy.py:Own")
     again = beside("code/own-policy.py:Own", overwrite=True)
     assert again.content_root != made.content_root

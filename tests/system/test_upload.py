@@ -148,7 +148,7 @@ def test_a_signal_stops_an_upload(url, monkeypatch, is_whole):
 def test_what_a_url_cannot_do_is_refused(url, tmp_path):
     """An object store cannot exchange two folders; and a URL may name a folder of this machine."""
     four_shards_at(url)
-    with pytest.raises(UsageError, match=f"^{url}: --overwrite is for folders"):
+    with pytest.raises(UsageError, match=f"^{url}: overwrite=True is for folders"):
         ibdata.generate(TINY, url, workers=1, seed=1, overwrite=True)
     with pytest.raises(UsageError, match="lies within the dataset"):
         four_shards_at(f"file://{tmp_path}/there/data/in")

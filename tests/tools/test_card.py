@@ -98,7 +98,7 @@ def test_an_edited_file_is_replaced_only_if_that_is_said(plain, tmp_path, monkey
     own = contents(folder)
     (folder / name).write_text("mine")
     edited = contents(folder)
-    message = f"^{folder / name}: found other text than ibdata writes now; --overwrite to replace it$"
+    message = f"^{folder / name}: found other text than ibdata writes now; overwrite=True to replace it$"
     with pytest.raises(UsageError, match=message):
         card(folder)
     assert contents(folder) == edited

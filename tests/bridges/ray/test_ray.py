@@ -118,7 +118,7 @@ def test_an_address_without_a_ray_is_an_error_of_one_line(ibdata):
     done = ibdata("generate", "--config", "random", "--engine", "ray", "--address", "127.0.0.1:9")
     assert done.returncode == 1
     assert re.fullmatch(
-        r"--address: 127\.0\.0\.1:9: found no answer \(.*\), expected a running Ray; .*\n", done.stderr
+        r"address: 127\.0\.0\.1:9: found no answer \(.*\), expected a running Ray; .*\n", done.stderr
     )
     assert not Path("data").exists()
 
