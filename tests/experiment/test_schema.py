@@ -76,7 +76,12 @@ def test_a_shipped_config_is_read_back_and_fits_the_schema(schema, loaded, tmp_p
 def test_the_resolved_experiment_holds_every_default(loaded, with_lines):
     plain = loaded(with_lines()).plain()
     assert set(plain) == set(Experiment.model_fields)
-    assert plain["output"] == {"dtype": "float32", "latent": True, "shard_rows": 1_000_000}
+    assert plain["output"] == {
+        "dtype": "float32",
+        "latent": True,
+        "expert_action": False,
+        "shard_rows": 1_000_000,
+    }
     assert plain["licence"] == "CC-BY-4.0"
 
 
