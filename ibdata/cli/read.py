@@ -71,8 +71,7 @@ def info_command(folder: Path | str) -> Printed:
 def _described(dataset: Dataset) -> str:
     """The contents of a dataset."""
     info = dataset.stored.info
-    dynamics = "several" if info.dynamics is None else info.dynamics
-    lines = [("name", info.name), ("dynamics", dynamics), *contents(dataset)]
+    lines = [("name", info.name), ("dynamics", info.dynamics), *contents(dataset)]
     for name, split in dataset.splits.items():
         lines.append((f"split {name}", within(split["rows"], split["episodes"])))
     for role in dict.fromkeys(column.role for column in info.columns):

@@ -137,9 +137,9 @@ class Info(JsonObject):
     format: Literal["ibdata-dataset"]
     version: Literal[1]
     name: Name
-    dynamics: str | Unchecked | None
+    dynamics: str | Unchecked
     drifting: bool
-    start: str | Unchecked | None
+    start: str | Unchecked
     counts: Counts
     columns: Annotated[list[Column], Field(min_length=1)]
 

@@ -166,8 +166,7 @@ def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
 
     The minimal policy is `random` and the expert `expert`, each at the setpoint of the episode. Returns at
     different setpoints cannot be compared, so the improvement is computed for each setpoint and length, and
-    averaged with the numbers of episodes as weights. Returns are undiscounted. With several dynamics, as
-    merged datasets may have, both measures are None.
+    averaged with the numbers of episodes as weights. Returns are undiscounted.
     """
     setpoints, lengths, returns = (
         np.array(episodes[name].to_pylist()) for name in ("setpoint", "length", "return")
@@ -178,7 +177,7 @@ def return_measures(episodes: pa.Table, info: Info) -> ReturnMeasures:
         scale = scale_of(info, int(steps))
         end = scale.ends([p], EXPERT) if scale else None
         ends.append(None if end is None else (len(at_setpoint) * end[0], len(at_setpoint) * end[1]))
-        if info.dynamics is not None and (improvement := return_improvement(at_setpoint)) is not None:
+        if (improvement := return_improvement(at_setpoint)) is not None:
             improvements.append(improvement)
             weights.append(len(at_setpoint))
     known = [end for end in ends if end is not None]

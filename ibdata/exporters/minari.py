@@ -4,8 +4,9 @@ Parquet corrupt episodes of 32,768 steps or more. An episode of T steps has T + 
 Its `infos` hold latent state and action_log_prob, T + 1 values each; the last value is NaN unless the dataset
 has it (`latent: next`). Episodes have no seed, because no `reset(seed=…)` plays one again. `ref_min_score`
 and `ref_max_score` are the mean returns of `random` and `optimized` over the dataset's setpoints, for
-`minari.get_normalized_score`; there are none where `ibdata info` gives no score. HDF5 needs about 30 kB of
-memory per episode. Needs ibdata[minari].
+`minari.get_normalized_score`; there are none where `ibdata info` gives no score. `recover_environment()`
+makes the environment of episodes at one setpoint and of one length; for others there is none. HDF5 needs
+about 30 kB of memory per episode. Needs ibdata[minari].
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.exporters._source import Arrays, Block, Source
 from ibdata.exporters._target import hdf5_file, library
 from ibdata.version import __version__
-from ibdata.views.options import ACTIONS, bounds_of
 
 ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # the ids that Minari accepts, if they have a version
 COSTS = True  # it has a place for them
@@ -72,8 +72,16 @@ def export(source: Source, path: Path, target: Path, id: str | None = None) -> s
     name = _id(source, id)
     path.mkdir()
     data = path.absolute() / "data"  # Minari fails at relative paths when it adds up sizes
-    observations, actions = _spaces(source)
-    storage = MinariStorage.new(data, observations, actions, _environment(source), data_format="hdf5")
+    environment = _environment(source)
+    made = environment.make()  # whose spaces are those of every setpoint
+    is_of_all = len(source.setpoints) == 1 and source.table["length"].nunique() == 1
+    storage = MinariStorage.new(
+        data,
+        made.observation_space,
+        made.action_space,
+        environment if is_of_all else None,
+        data_format="hdf5",
+    )
     storage.update_metadata({**_metadata(source, name), **_references(source)})
     with hdf5_file(data / FILE, track_order=True) as (file, check):
         for number, block in enumerate(source.episode_blocks()):
@@ -117,48 +125,17 @@ def _id(source: Source, id: str | None) -> str:
     return name
 
 
-def _spaces(source: Source) -> tuple[Any, Any]:
-    """Boxes with the bounds of the columns."""
-    from gymnasium.spaces import Box
-
-    def box(pairs: list[tuple[float | None, float | None]]) -> Any:
-        low = [-np.inf if low is None else low for low, _ in pairs]
-        high = [np.inf if high is None else high for _, high in pairs]
-        return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
-
-    bounds = bounds_of(source.options, source.info.drifting)
-    return box(bounds * source.history), box([(-1.0, 1.0)] * len(ACTIONS))
-
-
-def _common(experiments: list[dict[str, Any]], key: str) -> Any:
-    """An option of the experiments, or None if they differ in it."""
-    first, *others = (experiment[key] for experiment in experiments)
-    return first if all(other == first for other in others) else None
-
-
 def _environment(source: Source) -> Any:
-    """The environment for `recover_environment`, with the dynamics, start and observations of the episodes.
-
-    It has their setpoint, if there is only one. It is None if no environment is that of all episodes.
-    """
+    """The environment at the first setpoint of the episodes, with their dynamics, start, view and steps."""
     from gymnasium.envs.registration import EnvSpec
 
-    of_dataset = declared_spec(source.selection.stored).experiments
-    stops = np.cumsum([experiment.episode_count for experiment in of_dataset])
-    numbers = np.unique(np.searchsorted(stops, source.table.index, side="right"))
-    experiments = [of_dataset[number].plain() for number in numbers]
-    dynamics, start = _common(experiments, "dynamics"), _common(experiments, "start")
-    if dynamics is None or start is None:
-        return None
-    kwargs: dict[str, Any] = {"history": source.history, "dynamics": dynamics, "start": start}
+    plain = declared_spec(source.selection.stored).experiments[0].plain()
+    first = source.setpoints[0]
+    kwargs: dict[str, Any] = {"setpoint": {"drifting": first} if source.info.drifting else first}
+    kwargs |= {"history": source.history, "dynamics": plain["dynamics"], "start": plain["start"]}
     if shown := source.options.changed():
         kwargs["view"] = shown
-    setpoints = source.setpoints
-    if source.info.drifting:
-        kwargs["setpoint"] = {"drifting": setpoints[0]} if len(setpoints) == 1 else "drifting"
-    elif len(setpoints) == 1:
-        kwargs["setpoint"] = setpoints[0]
-    steps = _common(experiments, "steps")
+    steps = int(source.table["length"].iloc[0])
     return EnvSpec(ENVIRONMENT, entry_point=ENTRY_POINT, max_episode_steps=steps, kwargs=kwargs)
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Sequence
 
 import pyarrow as pa
 
 from ibdata._numerics.naming import exact, yaml_name
-from ibdata.dataset.models import Info
+from ibdata._system.files import FileEntry
+from ibdata.dataset.models import Info, Manifest
 from ibdata.dataset.quality import MEANING, Quality, ReturnMeasures, return_measures
 from ibdata.dataset.returns import averages, behaviour_returns
 from ibdata.dataset.stored import Stored
@@ -27,6 +29,7 @@ KEYWORDS = ["reinforcement-learning", "offline-rl", "industrial-benchmark"]
 CITE = """\
 Please cite the benchmark's paper for the benchmark, and ibdata with its version and the content root of the
 dataset."""
+BODY = "## Behaviour\n"  # the line that follows the head
 # The words of the Hub for fewer than 10³ rows, from 10³ rows on, from 10⁴ rows on …
 SIZES = ["n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "1M<n<10M", "10M<n<100M", "100M<n<1B", "n>1B"]
 
@@ -60,7 +63,7 @@ FAMILIES = {"odbl-1.0": "odbl", "odc-by-1.0": "odc-by", "pddl-1.0": "pddl"}  # w
 
 def card(
     spec: DatasetSpec,
-    paths: Sequence[str],
+    files: Sequence[FileEntry],
     root: str,
     episodes: pa.Table,
     version: str = __version__,
@@ -70,7 +73,7 @@ def card(
 
     Args:
         spec: The experiments and splits of the dataset.
-        paths: The paths of the files of its shards.
+        files: The files of its shards.
         root: Its content root.
         episodes: Its table of episodes.
         version: The version of ibdata that made it.
@@ -78,8 +81,7 @@ def card(
     """
     described = info(spec)
     sections = (
-        _front_matter(spec, paths),
-        _text(spec, root),
+        _head(spec, files, root),
         *_behaviour(episodes, described),
         *_quality(measured or return_measures(episodes, described)),
         *_columns(described),
@@ -92,19 +94,31 @@ def card_of(stored: Stored, spec: DatasetSpec, measured: Quality | None = None) 
     """The bytes of the card of a dataset that is there."""
     listed = stored.manifest
     version = printable(listed.versions.get("ibdata", __version__))
-    paths = [shard.path for shard in listed.shards]
-    return card(spec, paths, listed.content_root, stored.episodes, version, measured)
+    return card(spec, _files(listed), listed.content_root, stored.episodes, version, measured)
+
+
+def with_splits_of(spec: DatasetSpec, before: DatasetSpec, text: bytes, listed: Manifest) -> bytes | None:
+    """A card with the splits of `spec` in place of those of `before`; None if somebody edited its head."""
+    old, new = (_head(each, _files(listed), listed.content_root).encode() for each in (before, spec))
+    head, *body = text.partition(f"\n{BODY}".encode())
+    return b"".join([new, *body]) if head in (old, new) else None
+
+
+def _files(listed: Manifest) -> list[FileEntry]:
+    """The files of the shards."""
+    entries = listed.entries()
+    return [entries[shard.path] for shard in listed.shards]
 
 
 def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
     """The lines of the card's table: names and values, with code in backticks."""
     experiments = spec.experiments
-    named = [e.dynamics if isinstance(e.dynamics, str) else "custom" for e in experiments]
+    named = experiments[0].dynamics if isinstance(experiments[0].dynamics, str) else "custom"
     setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
     shown = ", ".join(exact(p) for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
     steps = " or ".join(f"{n:,}" for n in dict.fromkeys(experiment.steps for experiment in experiments))
     return [
-        ("dynamics", "; ".join(f"`{name}`: {DYNAMICS[name]}" for name in dict.fromkeys(named))),
+        ("dynamics", f"`{named}`: {DYNAMICS[named]}"),
         ("setpoints", f"{shown}{', moving from there' if experiments[0].drifting else ''}"),
         ("policies", ", ".join(spec.labels)),
         ("episodes", f"{spec.episodes:,} of {steps} steps"),
@@ -113,7 +127,15 @@ def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
     ]
 
 
-def _front_matter(spec: DatasetSpec, paths: Sequence[str]) -> str:
+def _head(spec: DatasetSpec, files: Sequence[FileEntry], root: str) -> str:
+    """The front matter, and what was simulated: all that depends on the splits."""
+    return f"{_front_matter(spec, files)}\n{_text(spec, root)}"
+
+
+def _front_matter(spec: DatasetSpec, files: Sequence[FileEntry]) -> str:
+    hashes = hashlib.sha256("".join(file.sha256 for file in files).encode()).hexdigest()
+    # Hugging Face keeps a copy of the rows by the text of the configurations, and looks at no file again.
+    description = f"    description: files {hashes[:16]}"
     lines = [
         "---",
         f"pretty_name: Industrial Benchmark, {spec.name}",
@@ -124,17 +146,18 @@ def _front_matter(spec: DatasetSpec, paths: Sequence[str]) -> str:
         "configs:",
         "  - config_name: default",
         "    default: true",
+        description,
         "    data_files:",
     ]
-    shards = list(zip(spec.shards, paths, strict=True))
-    files = {name: [path for shard, path in shards if name in shard.splits] for name in spec.declared}
+    shards = list(zip(spec.shards, files, strict=True))
+    paths = {name: [file.path for shard, file in shards if name in shard.splits] for name in spec.declared}
     disjoint = all(len(shard.splits) == 1 for shard in spec.shards)  # and all that there is
-    disjoint = disjoint and len({_hub_name(name) for name in files}) == len(files)
+    disjoint = disjoint and len({_hub_name(name) for name in paths}) == len(paths)
     if not disjoint:
-        lines += _data_files("everything" if files else "train", ["data/part-*.parquet"])
-    for name, own in files.items():
+        lines += _data_files("everything" if paths or spec.later else "train", ["data/part-*.parquet"])
+    for name, own in paths.items():
         if not disjoint:
-            lines += [f"  - config_name: {yaml_name(name)}", "    data_files:"]
+            lines += [f"  - config_name: {yaml_name(name)}", description, "    data_files:"]
         lines += _data_files(name, own)
     return "\n".join([*lines, "---", ""])
 
@@ -186,7 +209,7 @@ def _text(spec: DatasetSpec, root: str) -> str:
 def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
     """The returns of the behaviour, by policy."""
     returns = behaviour_returns(episodes, described)
-    yield "## Behaviour\n"
+    yield BODY
     yield "| policy | episodes | steps | return | ± s.e. | reward/step | score |"
     yield "|---|---|---|---|---|---|---|"
     for a in averages(returns["results"]):

@@ -57,14 +57,15 @@ def finish(
     """
     root = root_of(spec, ((w.shard, w.content.digests) for w in written))
     episodes = metadata.episodes_table(spec, written)
-    entries = [w.entry for w in written]
+    files = [w.entry for w in written]
+    entries = files.copy()
     for path, make in metadata_files(spec, written, episodes).items():
         entries.append(write_new(folder, path, make(), waits=False))
-    paths = [w.entry.path for w in written]
+    paths = [file.path for file in files]
     described = croissant(spec, paths, entries, root)
     entries.append(write_new(folder, manifest.CROISSANT, described, waits=False))
     write_new(folder, manifest.SPLITS, metadata.splits_file(spec), waits=False)
-    write_new(folder, manifest.CARD, card(spec, paths, root, episodes), waits=False)
+    write_new(folder, manifest.CARD, card(spec, files, root, episodes), waits=False)
     listed = manifest.sealed(
         Manifest(
             format=manifest.FORMAT,

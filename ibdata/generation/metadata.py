@@ -33,13 +33,13 @@ def info(spec: DatasetSpec) -> Info:
         format="ibdata-dataset",
         version=1,
         name=spec.name,
-        dynamics=_common([e.plain()["dynamics"] for e in spec.experiments]),
+        dynamics=spec.experiments[0].plain()["dynamics"],
         drifting=spec.experiments[0].drifting,
-        start=_common([e.plain()["start"] for e in spec.experiments]),
+        start=spec.experiments[0].plain()["start"],
         counts=Counts(
             rows=spec.rows,
             episodes=spec.episodes,
-            steps=_common([e.steps for e in spec.experiments]),
+            steps=spec.experiments[0].steps if len({e.steps for e in spec.experiments}) == 1 else None,
             cells=len({cell.digest for e in spec.experiments for cell in e.cells}),
             shards=len(spec.shards),
         ),
@@ -48,11 +48,6 @@ def info(spec: DatasetSpec) -> Info:
             for column in columns(spec.experiments[0])
         ],
     )
-
-
-def _common(values: list[Any]) -> Any:
-    """The value of all, or None if they differ."""
-    return values[0] if all(value == values[0] for value in values) else None
 
 
 def splits(spec: DatasetSpec) -> dict[str, SplitEntry]:

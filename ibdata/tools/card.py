@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 from ibdata._numerics.arguments import public
@@ -53,7 +52,7 @@ def card(folder: str | os.PathLike[str], overwrite: bool = False) -> list[Path]:
         texts[manifest.REPORT] = page(dataset, spec, drawn(dataset), measured)
     except ImportError as error:  # no matplotlib
         why = f"{manifest.REPORT} is not written: {error}"
-    own = {*texts.values(), card_of(dataset.stored, replace(spec, later={})), card_of(dataset.stored, spec)}
+    own = {*texts.values(), card_of(dataset.stored, spec)}
     with locked_part(resolved(path), path):
         manifest.read(path)  # somebody may have moved the dataset away
         dataset.stored.refuse_replaced()

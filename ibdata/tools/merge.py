@@ -10,7 +10,7 @@ from pathlib import Path
 from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import NAME_PATTERN, counted, exact
 from ibdata.dataset.dataset import Dataset
-from ibdata.errors import UsageError, parameter
+from ibdata.errors import UsageError, excerpt, parameter
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
@@ -26,12 +26,12 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
     with the same name are joined. Splits that were only labels get files of their own.
 
     Args:
-        folders: The folders of two or more datasets with the same columns.
+        folders: The folders of two or more datasets with the same columns, dynamics and start.
         out: The folder of the new dataset.
 
     Raises:
-        UsageError: There are fewer than two datasets, columns differ, or two datasets share an episode or the
-            beginning of one, so that data could leak from one split into another.
+        UsageError: There are fewer than two datasets, columns, dynamics or starts differ, or two datasets
+            share an episode or the beginning of one, so that data could leak from one split into another.
         DatasetError: A dataset does not match its manifest.
     """
     if len(folders) < 2:
@@ -41,7 +41,7 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
     sources = [source for d, spec in zip(datasets, recipes, strict=True) for source in sources_of(d, spec)]
     experiments = tuple(experiment for spec in recipes for experiment in spec.experiments)
     for b, y in zip(experiments[1:], sources[1:], strict=True):
-        _refuse_other_columns(experiments[0], b, sources[0], y)
+        _refuse_other_kind(experiments[0], b, sources[0], y)
     _refuse_shared_episodes(experiments, sources)
     _refuse_equal_digests(datasets)
     name = Path(out).name
@@ -50,7 +50,7 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
     )
 
 
-def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) -> None:
+def _refuse_other_kind(a: Experiment, b: Experiment, x: Source, y: Source) -> None:
     kinds = [{c.name: c.dtype for c in columns(e)} for e in (a, b)]
     for name in dict.fromkeys([*kinds[0], *kinds[1]]):
         types = [kind.get(name, "none") for kind in kinds]
@@ -64,6 +64,13 @@ def _refuse_other_columns(a: Experiment, b: Experiment, x: Source, y: Source) ->
             f"{y.dataset.place}: found {'moving' if b.drifting else 'constant'} setpoints, expected "
             f"{'moving' if a.drifting else 'constant'} ones as in {x.dataset.place}"
         )
+    for name in ("dynamics", "start"):  # no column tells them apart
+        first, second = (getattr(e.cells[0], name) for e in (a, b))
+        if first != second:
+            raise UsageError(
+                f"{y.dataset.place}: {name}: found {excerpt(second)}, expected {excerpt(first)} as in "
+                f"{x.dataset.place}; keep both datasets, and join their arrays by numpy.concatenate"
+            )
 
 
 def _refuse_shared_episodes(experiments: Sequence[Experiment], sources: Sequence[Source]) -> None:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow as pa
 
-from ibdata._system.files import write
+from ibdata._system.files import plain_bytes, write
 from ibdata._system.part import DATASET, locked_part, resolved
 from ibdata._system.signals import check
 from ibdata._system.storage import refuse_url
 from ibdata.dataset import manifest
 from ibdata.dataset.dataset import Dataset
-from ibdata.errors import BusyError, DatasetError, IbdataError
+from ibdata.dataset.models import Manifest
+from ibdata.errors import BusyError, DatasetError, IbdataError, notice
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard, spec_in
 from ibdata.generation import metadata
 from ibdata.generation.build import Build
+from ibdata.generation.card import with_splits_of
 from ibdata.generation.finish import refuse_other_plan
 from ibdata.generation.pieces import BATCH_ROWS, Piece, stored_pieces
 from ibdata.generation.record import Record
@@ -99,7 +103,7 @@ def _changed(source: Source) -> DatasetError:
 
 
 def relabel(dataset: Dataset, before: DatasetSpec, spec: DatasetSpec) -> Dataset:
-    """Write the splits of a spec into the metadata of a dataset; nothing else changes.
+    """Write the splits of a spec into the metadata and the card of a dataset; nothing else changes.
 
     Raises BusyError if the dataset is being written, or it or its splits are no longer those of before.
     """
@@ -110,5 +114,20 @@ def relabel(dataset: Dataset, before: DatasetSpec, spec: DatasetSpec) -> Dataset
         dataset.stored.refuse_replaced()
         if spec_in(dataset.stored).later != before.later:
             raise BusyError(f"{dataset.place}: got other splits meanwhile; split it again")
+        _write_card(dataset.path, before, spec, listed)  # first, for it may call all rows `train`
         write(dataset.path, manifest.SPLITS, metadata.splits_file(spec))
     return Dataset(dataset)
+
+
+def _write_card(folder: Path, before: DatasetSpec, spec: DatasetSpec, listed: Manifest) -> None:
+    file = folder / manifest.CARD
+    text = None
+    with suppress(OSError):  # it is missing, or no file
+        text = with_splits_of(spec, before, plain_bytes(file), listed)
+    if text is None:
+        notice(
+            f"{file}: found other text than ibdata writes, so it does not name these splits, and load_dataset "
+            f"may call all rows train; ibdata card {folder} --overwrite replaces it"
+        )
+    else:
+        write(folder, manifest.CARD, text)

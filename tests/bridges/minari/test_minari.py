@@ -1,5 +1,8 @@
 """Minari reads every value of the export, with metadata, environment, ids and scores."""
 
+from unittest.mock import ANY
+
+import gymnasium
 import minari
 import numpy as np
 import pytest
@@ -173,10 +176,46 @@ def test_a_recovered_environment_is_that_of_the_dataset(root, tmp_path, history)
 
 @pytest.mark.parametrize("view", [{}, {"observe": "markov"}])
 def test_the_environment_of_moving_setpoints_has_a_moving_one(root, tmp_path, view):
-    overrides = ["episodes=2", "steps=20", "output.latent=next"]
+    overrides = ["setpoints={drifting: 60}", "episodes=2", "steps=20", "output.latent=next"]
     made = ibdata.generate("drifting.yaml", tmp_path / "data", workers=1, overrides=overrides)
-    found, environment = recovered(made, root, view=view)
-    assert environment.observation_space.shape == found.observation_space.shape
+    _, environment = recovered(made, root, view=view)
     environment.reset(seed=0)
     shown = [environment.step(np.zeros(3, np.float32))[0][0] for _ in range(20)]
+    assert environment.spec.kwargs["setpoint"] == {"drifting": 60}
     assert len(set(shown)) > 1
+
+
+VIEWS = {
+    "classic": {},
+    "markov": {"observe": "markov", "actions": True},
+    "scaled": {"reward_scale": 0.01},
+    "noisy": {"imperfections": {"noise": {"obs_fatigue": 1.0}, "delay": {"obs_velocity": 2}}},
+}
+
+
+@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
+@pytest.mark.parametrize("setpoints", [70, {"drifting": 30}, [20, 70]], ids=["one", "moving", "several"])
+@pytest.mark.parametrize("dynamics", ["siemens", "paper"])
+def test_the_space_of_the_dataset_is_that_of_its_environment(root, tmp_path, view, setpoints, dynamics):
+    plain = {"name": "m", "setpoints": setpoints, "dynamics": dynamics, "policies": ["random"], "steps": 9}
+    made = ibdata.generate({**plain, "output": {"latent": "next"}}, tmp_path / "data", workers=1)
+    found, environment = recovered(made, root, view=view, history=2)
+    if isinstance(setpoints, list):  # no environment is that of all, and none at another setpoint is made up
+        assert environment is None
+        options = {"setpoint": 20, "dynamics": dynamics, "view": view, "history": 2}
+        environment = gymnasium.make("ibdata.environment:ibdata/IndustrialBenchmark-v0", **options)
+    assert found.observation_space == environment.observation_space
+    assert found.action_space == environment.action_space
+    assert all(map(found.observation_space.contains, found[0].observations))
+
+
+def test_episodes_of_several_lengths_have_no_environment_and_those_of_one_length_have(root, tmp_path):
+    plain = {"name": "m", "setpoints": 50, "policies": ["random"]}
+    parts = [
+        ibdata.generate({**plain, "steps": steps, "seed": steps}, tmp_path / str(steps), workers=1)
+        for steps in (9, 5)
+    ]
+    both = ibdata.merge(parts, tmp_path / "both")
+    assert recovered(both, root) == (ANY, None)
+    ibdata.export(both.select(episodes=1), "minari", root, id="ibdata/short-v0")
+    assert minari.load_dataset("ibdata/short-v0").recover_environment().spec.max_episode_steps == 5
