@@ -12,6 +12,7 @@ from numbers import Real
 from types import SimpleNamespace, UnionType
 from typing import Annotated, Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from ibdata._numerics.naming import decimal
 from ibdata.errors import ArgumentError, IbdataError, excerpt, nearest
 
 P = ParamSpec("P")
@@ -176,9 +177,19 @@ def has_method(value: Any) -> bool:
 
 
 def _native(value: Any) -> Any:
-    """A number or an array of numpy, pandas or torch as that of Python."""
+    """A number or an array of numpy, pandas or torch as that of Python; 20.1 in float32 is 20.1 again."""
     as_list = getattr(value, "tolist", None)
-    return as_list() if callable(as_list) and not isinstance(value, type) else value
+    if not callable(as_list) or isinstance(value, type):
+        return value
+    if str(getattr(value, "dtype", "")).endswith("float32"):
+        import numpy as np  # it is loaded, and commands that show help do without
+
+        return _decimals(np.asarray(value))
+    return as_list()
+
+
+def _decimals(numbers: Any) -> Any:
+    return list(map(_decimals, numbers)) if numbers.ndim else decimal(numbers[()])
 
 
 def _as(name: str, value: Any, kind: Any) -> Any:

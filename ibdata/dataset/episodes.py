@@ -38,6 +38,7 @@ class Episodes:
         self.stored = Stored.open(existing(path))
         self.mask: Mask | None = None  # whether each episode is one of these; None for all of them
         self.is_by_returns = False  # whether these were chosen by their returns
+        self.chosen_split: Split = None  # the split, or splits, that these are
 
     def __repr__(self) -> str:
         of = "" if self.mask is None else "a selection of "
@@ -155,6 +156,8 @@ class Episodes:
         whatever_return = self.inside & meeting(self.stored, split, setpoint, policy, episodes, None)
         selected = copy.copy(self)
         selected.mask = whatever_return & meeting(self.stored, None, None, None, None, returns)
+        is_whole = self.mask is None and all(x is None for x in (setpoint, policy, episodes, returns))
+        selected.chosen_split = split if is_whole else None
         selected.is_by_returns = self.is_by_returns or not np.array_equal(selected.mask, whatever_return)
         return selected
 

@@ -142,7 +142,13 @@ def meeting(
         places = [names.index(name) for name in known_of("policy", policy, names)]
         mask &= np.isin(labels.indices.to_numpy(), places)
     if numbers is not None:
-        mask &= np.isin(np.arange(len(table)), within("episodes", numbers, len(table)))
+        chosen = np.bincount(within("episodes", numbers, len(table)), minlength=len(table))
+        if chosen.max() > 1:
+            raise UsageError(
+                f"episodes: found {chosen.argmax()} {chosen.max()} times, expected each number once; for a "
+                "bootstrap, draw from the rows that `arrays` gives, by their `episode`"
+            )
+        mask &= chosen == 1
     if returns is not None:
         low, high = limits_of(returns)
         values = table["return"].to_numpy()

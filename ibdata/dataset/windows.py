@@ -57,6 +57,7 @@ class WindowData(NamedTuple):
     terminated: npt.NDArray[np.bool_]  # (N,)
     truncated: npt.NDArray[np.bool_]  # (N,)
     lengths: npt.NDArray[np.int64]  # (E,)
+    episodes: npt.NDArray[np.int64]  # (E,), their numbers in the dataset
     costs: Float32s  # (N,), or (0,) for a view without a cost
     expert_actions: Float32s  # (N, 3), or (0, 3) for a dataset without them
 
@@ -72,7 +73,7 @@ class WindowData(NamedTuple):
                 place = len(self.frames) - row - episode - 1
                 self.frames[place - length + 1 : place + 1] = block.frames[start:stop][::-1]
                 self.frames[place - length] = block.next_frames[stop - 1]
-                self.lengths[episode] = length
+                self.lengths[episode], self.episodes[episode] = length, block.episode[start]
                 for name in columns:
                     getattr(self, name)[row : row + length] = getattr(block, name)[start:stop]
                 row, episode = row + length, episode + 1
@@ -159,6 +160,7 @@ def _shapes(sizes: Sizes) -> list[tuple[Any, Any]]:
         ((rows,), np.bool_),
         ((rows,), np.bool_),
         ((episodes,), np.int64),
+        ((episodes,), np.int64),
         ((costs,), np.float32),
         ((expert_actions, 3), np.float32),
     ]
@@ -189,8 +191,8 @@ class Windows:
 
     A map-style dataset for `torch.utils.data.DataLoader`, preferably with `collate_fn=windows.collate`:
     `windows[i]` is a mapping with observations and next_observations (k · history,), newest first, actions
-    (3,), rewards, terminated and truncated. `windows.batch(indices)` has the same for several transitions, as
-    has `windows[i:j]`.
+    (3,), rewards, terminated, truncated, episode and step. `windows.batch(indices)` has the same for several
+    transitions, as has `windows[i:j]`.
 
     Attributes:
         frame: the names of the numbers of a frame, which are repeated for each step of the history.
@@ -246,8 +248,8 @@ class Windows:
 
         Returns:
             observations and next_observations (n, k · history), newest first, actions (n, 3), and rewards,
-            terminated, truncated and, if the view has a cost, costs (n,); expert_actions (n, 3) if the
-            dataset has them. They are copies; the two observations share memory.
+            terminated, truncated, episode, step and, if the view has a cost, costs (n,); expert_actions
+            (n, 3) if the dataset has them. They are copies; the two observations share memory.
 
         Raises:
             IndexError: a number is out of range, or these are neither whole numbers nor a mask.
@@ -267,6 +269,8 @@ class Windows:
             "next_observations": gathered[:, : k * self.history],
             "terminated": stored.terminated[rows],
             "truncated": stored.truncated[rows],
+            "episode": stored.episodes[episode],
+            "step": step.astype(np.int32),
         }
 
     def _numbers(self, numbers: Array) -> Array:

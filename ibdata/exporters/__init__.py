@@ -111,9 +111,7 @@ def export(
     options = view_of(view)
     if options.cost is not None and not getattr(format, "COSTS", False):
         raise UsageError(f"cost: found one, but the format {to} has no place for costs; leave it out")
-    rows = opened(dataset)
-    is_split = rows.select().mask is None
-    source = Source(rows.select(split), split if is_split else None, history, options, progress)
+    source = Source(opened(dataset).select(split), history, options, progress)
     more = {} if id is None else {"id": id}
     if more and not hasattr(format, "place"):
         raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")

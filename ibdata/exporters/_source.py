@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -56,13 +56,11 @@ class Source:
     def __init__(
         self,
         selection: Dataset,
-        split: str | Sequence[str] | None = None,
         history: int = 1,
         options: ViewOptions = PLAIN,
         progress: bool | None = False,
     ) -> None:
         self.selection = selection
-        self.split = split  # by which it was selected, for the metadata of the export
         self.history = history
         self.options = options
         self.progress = progress
@@ -100,12 +98,9 @@ class Source:
         Of a selection that is no split, `episodes` is a hash of the episodes. So it is with imperfections, as
         these depend on the numbers of the episodes.
         """
-        shown: dict[str, Any] = {
-            "content_root": self.selection.content_root,
-            "split": self.split,
-            "history": self.history,
-        }
-        if self.options.imperfections or (self.split is None and self.selection.mask is not None):
+        split = self.selection.chosen_split
+        shown = {"content_root": self.selection.content_root, "split": split, "history": self.history}
+        if self.options.imperfections or (split is None and self.selection.mask is not None):
             shown["episodes"] = identity(self.selection.episode_table)
         return shown | self.options.plain(self.info.drifting)
 

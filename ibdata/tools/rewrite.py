@@ -126,8 +126,8 @@ def _write_card(folder: Path, before: DatasetSpec, spec: DatasetSpec, listed: Ma
         text = with_splits_of(spec, before, plain_bytes(file), listed)
     if text is None:
         notice(
-            f"{file}: found other text than ibdata writes, so it does not name these splits, and load_dataset "
-            f"may call all rows train; ibdata card {folder} --overwrite replaces it"
+            f"{file}: found other text than ibdata writes, so it does not name these splits, and "
+            f"load_dataset may call all rows train; ibdata card {folder} --overwrite replaces it"
         )
     else:
         write(folder, manifest.CARD, text)

@@ -161,4 +161,3 @@ def test_without_references_there_is_no_trajectory_quality(info):
     assert return_measures(table((75, 1000, -2e5)), moving).trajectory_quality is None
     rows = table((70, 1000, -2e5), (70, 1000, -3e5))
     assert None not in return_measures(rows, info)
-    assert return_measures(rows, info.model_copy(update={"dynamics": None})) == (None, None)

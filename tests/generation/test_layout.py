@@ -132,6 +132,7 @@ def test_the_front_matter_names_the_files_of_every_split(dataset):
     assert matter["size_categories"] == ["n<1K"]
     assert matter["task_categories"] == ["reinforcement-learning"]
     default, *configs = matter["configs"]
+    assert len({each.pop("description") for each in matter["configs"]}) == 1  # of all files
     whole = [{"split": "everything", "path": ["data/part-*.parquet"]}]
     assert default == {"config_name": "default", "default": True, "data_files": whole}
     splits = {config["config_name"]: config["data_files"] for config in configs}
@@ -153,6 +154,7 @@ def test_splits_that_share_and_lack_nothing_are_those_of_the_hub(describe, made_
         made = made_at(describe(splits=splits), tmp_path / f"{len(splits)}")
         front = (made.path / "README.md").read_text().split("---\n")[1]
         [config] = YAML(typ="safe", pure=True).load(front)["configs"]
+        assert re.fullmatch("files [0-9a-f]{16}", config.pop("description"))
         names = {"train": "train", "fold-1": "fold_1", "all": "all_"}
         expected = [{"split": names[name], "path": paths_of(made, name)} for name in splits]
         whole = [{"split": "train", "path": ["data/part-*.parquet"]}]

@@ -81,14 +81,15 @@ def test_each_share_of_100_episodes_has_its_number():
         assert (train.indices(100), test.indices(100)) == (range(percent), range(percent, 100))
 
 
-def test_labels_replace_one_file_and_need_no_row(made):
+def test_labels_replace_two_files_and_need_no_row(made):
     before = contents(made.path)
     rows, away = made.path / "data", made.path.parent / "away"
     rows.rename(away)
     split = ibdata.split(made.path, "setpoint", source=[50], target=[75], shots=2)
     away.rename(rows)
     after = contents(made.path)
-    assert {path for path in after if after[path] != before.get(path)} == {str(made.path / manifest.SPLITS)}
+    own = {str(made.path / name) for name in (manifest.SPLITS, manifest.CARD)}
+    assert {path for path in after if after[path] != before.get(path)} == own
     assert after.keys() == before.keys()
     assert split.splits["target"] == {"episodes": 4, "rows": 16, "declared": False}
     assert split.content_root == made.content_root
