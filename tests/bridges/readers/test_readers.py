@@ -95,6 +95,64 @@ def test_other_splits_are_configurations_of_hugging_face(tmp_path):
     assert set(found[1]["train"]["obs_setpoint"]) == {20}
 
 
+PLAIN = {"name": "p", "setpoints": [20, 70], "policies": ["random"], "episodes": 2, "steps": 5}
+OTHERS = {
+    "first": ("a/p", {}),
+    "overwritten": ("a/p", {"seed": 1}),
+    "another order": ("a/p", {"seed": 1, "setpoints": [70, 20]}),
+    "another folder of this name": ("b/p", {"seed": 2}),
+    "other length": ("b/p", {"steps": 4}),
+    "the first one again": ("a/p", {}),
+}
+
+
+@pytest.mark.parametrize(
+    ("splits", "split"),
+    [
+        ({}, "train"),
+        ({"few": {"episodes": 1}}, "everything"),
+        ({"fit": {"episodes": 1}, "rest": {"episodes": "last 50%"}}, "fit"),
+    ],
+    ids=["none", "partial", "whole"],
+)
+def test_hugging_face_reads_this_dataset_and_no_other_of_its_name(tmp_path, splits, split):
+    """Its cache, which the session shares, knows the name of the folder and the text of the card."""
+    from datasets import load_dataset
+
+    for case, (place, changes) in OTHERS.items():
+        changed = {**PLAIN, "splits": splits, **changes}
+        made = ibdata.generate(changed, tmp_path / place, workers=1, overwrite=True)
+        expected = made.arrays(split=split if split in splits else None)["rewards"]
+        for streaming in (False, True):
+            rows = load_dataset(str(made.path), split=split, streaming=streaming)
+            assert np.float32([row["reward"] for row in rows]).tolist() == expected.tolist(), case
+
+
+def test_after_a_later_split_no_rows_of_hugging_face_are_called_train(tmp_path):
+    from datasets import load_dataset
+
+    made = ibdata.generate(PLAIN, tmp_path / "p", workers=1)
+    assert len(load_dataset(str(made.path), split="train")) == 20
+    ibdata.split(made, "episode", fractions=[0.5, 0.5])
+    with pytest.raises(ValueError, match=r"Unknown split \"train\". Should be one of \['everything'\]"):
+        load_dataset(str(made.path), split="train")
+    copy = ibdata.split(made, materialize=tmp_path / "copy")
+    found = load_dataset(str(copy.path), split="train")
+    assert found["reward"][:] == made.table(["reward"], "train")["reward"].to_pylist()
+
+
+def test_rows_of_hugging_face_are_known_by_their_episode_and_step(tmp_path):
+    """`all` is split after split, so a row has another number there."""
+    from datasets import load_dataset
+
+    splits = {"fit": {"episodes": 1}, "rest": {"episodes": "last 50%"}}
+    made = ibdata.generate({**PLAIN, "splits": splits}, tmp_path / "p", workers=1)
+    rows = load_dataset(str(made.path), split="all").with_format("numpy")[:]
+    assert rows["episode"].tolist() != made.arrays()["episode"].tolist()
+    state = ibdata.state_at(made, (rows["episode"], rows["step"]))
+    assert np.float32(state.fatigue).tolist() == rows["obs_fatigue"].tolist()
+
+
 def test_a_folder_from_the_hub_is_whole(generated, tmp_path):
     """The hub adds .gitattributes, the download .cache, and macOS its own files."""
     root = shutil.copytree(generated / "data/transfer", tmp_path / "transfer")
