@@ -109,6 +109,6 @@ def contents(dataset: Dataset) -> list[tuple[str, object]]:
     steps = " or ".join([*(f"{n:,}" for n in lengths[:-1]), counted(lengths[-1], "step")])
     return [
         ("rows", f"{counts.rows:,} in {counted(counts.episodes, 'episode')} of {steps}"),
-        ("files", f"{counts.shards:,} Parquet, {size(dataset.stored.manifest.data_bytes)}"),
+        ("files", f"{counts.shards:,} data/*.parquet, {size(dataset.stored.manifest.data_bytes)}"),
         ("content root", dataset.content_root),
     ]

@@ -20,11 +20,11 @@ from ibdata.errors import OUT, DatasetError, UsageError, nearest, printable
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
 SPLITS = "meta/splits.json"
-CROISSANT = "meta/croissant.json"  # datasets of earlier versions have none
+CROISSANT = "meta/croissant.json"
 CARD = "README.md"
 REPORT = "report.html"  # only after `ibdata card`
 FORMAT: Final = "ibdata-manifest"
-VERSION: Final = 1
+VERSION: Final = 2
 DATA_VERSION: Final = 3  # raised whenever some experiment gives other rows
 WEIGHTS = re.compile(r"meta/policy-[0-9a-f]{16}\.safetensors")  # of networks, named by their SHA-256
 PARTITION = re.compile(

@@ -66,7 +66,7 @@ class Manifest(JsonObject):
     """meta/manifest.json."""
 
     format: Literal["ibdata-manifest"]
-    version: Literal[1]
+    version: Literal[2]
     data_version: Count
     content_root: Sha256
     name: Name

@@ -33,7 +33,7 @@ Mask = npt.NDArray[np.bool_]  # whether each episode of a dataset is one of some
 Runs = list[tuple[int, int]]
 INFO = "meta/dataset.json"
 STATISTICS = "meta/statistics.json"
-EPISODES = "meta/episodes.parquet"
+EPISODES = "meta/episodes.table"  # Parquet, which no reader of DIR/**/*.parquet takes for rows
 _EPISODE_SCHEMA = pa.schema(
     [
         ("episode", pa.int64()),
@@ -129,7 +129,7 @@ class Stored:
 
     @cached_property
     def episodes(self) -> pa.Table:
-        """meta/episodes.parquet: a row for each episode; of the splits, the declared ones."""
+        """meta/episodes.table: a row for each episode; of the splits, the declared ones."""
         data, episodes = self.read(EPISODES), self.manifest.shards[-1].episodes[1]
         table = parquet.read(self.storage, EPISODES, _EPISODE_SCHEMA.names, rows=episodes, data=data)
         known = table.schema in map(episode_schema, SETPOINT_TYPES)

@@ -122,7 +122,7 @@ def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
         ("setpoints", f"{shown}{', moving from there' if experiments[0].drifting else ''}"),
         ("policies", ", ".join(spec.labels)),
         ("episodes", f"{spec.episodes:,} of {steps} steps"),
-        ("rows", f"{spec.rows:,}"),
+        ("rows", f"{spec.rows:,}, in `data/*.parquet`"),
         ("licence", ", ".join(f"`{licence}`" for licence in spec.licences)),
     ]
 

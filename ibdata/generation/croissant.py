@@ -60,7 +60,8 @@ RESPONSIBLE = {
     "rai:dataSocialImpact": "The data describe no person, group or place.",
 }
 OTHER_TYPES = {"bool": "sc:Boolean", "string": "sc:Text"}  # than cr:Int32, cr:Float64 and their like
-FORMATS = {"parquet": "application/x-parquet", "json": "application/json", "yaml": "application/yaml"}
+PARQUET = "application/x-parquet"
+FORMATS = {"parquet": PARQUET, "table": PARQUET, "json": "application/json", "yaml": "application/yaml"}
 SPDX = re.compile(r"(?!LicenseRef-)[\w.-]+")  # an identifier, which has a page; other expressions have none
 USES = {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}
 
@@ -137,7 +138,7 @@ def _distribution(files: Mapping[str, list[str]], entries: Iterable[FileEntry], 
         {
             **_head("FileSet", name),
             "containedIn": {"@id": "dataset"},
-            "encodingFormat": FORMATS["parquet"],
+            "encodingFormat": PARQUET,
             "includes": includes,
         }
         for name, includes in sets.items()

@@ -15,7 +15,7 @@ from ibdata._system.progress import Advance, unseen
 from ibdata._system.storage import Storage, reason
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.statistics import Moments
-from ibdata.dataset.stored import Stored
+from ibdata.dataset.stored import EPISODES, Stored
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
@@ -171,11 +171,8 @@ def metadata_problems(
 
 def _facts(stored: Stored, path: str, data: bytes, spec: DatasetSpec) -> Any:
     """What programs read in a file of `meta`. The prose of a description may be said in other words."""
-    if path.endswith(".parquet"):
+    if path == EPISODES:
         table = parquet.read(stored.storage, path, data=data)
-        if "setpoint" in table.column_names:  # float64 in tables of earlier versions, whatever the rows have
-            place = table.column_names.index("setpoint")
-            table = table.set_column(place, "setpoint", table["setpoint"].cast(pa.float32()))
         return {name: table[name].to_pylist() for name in table.column_names}
     if path.endswith(".yaml"):
         return Experiment.model_validate(

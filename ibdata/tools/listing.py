@@ -133,7 +133,7 @@ def _finished(path: Path) -> Listed:
         total = sum(file.bytes for file in listed.files)
         return _of(path, declared_spec(stored), "finished", listed.rows, listed.content_root, total)
     except IbdataError:
-        return Listed(path, "damaged", None, None, [], [], _size(path), None)
+        return Listed(path, "unreadable", None, None, [], [], _size(path), None)
 
 
 def _unfinished(part: Part) -> Listed:

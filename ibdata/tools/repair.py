@@ -171,8 +171,7 @@ def _repaired(
     for path, make in metadata_files(spec, whole).items():
         if path in broken:
             entries[path] = write(folder, path, make())
-    is_changed = manifest.CROISSANT in broken or entries != stored.manifest.entries()
-    if is_changed and manifest.CROISSANT in entries:
+    if manifest.CROISSANT in broken or entries != stored.manifest.entries():
         paths = [shard.path for shard in stored.manifest.shards]
         described = croissant(spec, paths, entries.values(), stored.manifest.content_root)
         entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, described)

@@ -109,7 +109,7 @@ def indices(rows: Rows) -> Found:
     """Whole episodes follow one another, and steps count from 0 within each."""
     expected = index_columns(rows.experiment, rows.episodes)
     for name, text in (
-        ("episode", "the episode of episodes.parquet"),
+        ("episode", "the episode of episodes.table"),
         ("step", "steps from 0 within each episode"),
     ):
         yield from _where(rows.columns[name] != expected[name], name, rows, text)

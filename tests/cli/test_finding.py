@@ -41,7 +41,10 @@ def test_datasets_of_every_state_are_listed(made, made_at, run):
     lines = [line.split() for line in out.splitlines()]
     assert code == 0
     assert lines[0] == ["dataset", "rows", "bytes", "setpoints", "policies", "content", "state"]
-    assert [(line[0], line[-1]) for line in lines[1:3]] == [("damaged", "damaged"), ("data/tiny", "finished")]
+    assert [(line[0], line[-1]) for line in lines[1:3]] == [
+        ("damaged", "unreadable"),
+        ("data/tiny", "finished"),
+    ]
     assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
     assert "unfinished, 1 of 4 shards" in out
     assert "unfinished, damaged" in out

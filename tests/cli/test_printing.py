@@ -33,7 +33,7 @@ def crafted(run, made_at):
     info = json.loads(Path("d/meta/dataset.json").read_bytes())
     info |= {"dynamics": {"base": EVIL, EVIL: 1}, "start": EVIL}
     Path("d/meta/dataset.json").write_bytes(as_json(info))
-    relabelled("d/meta/episodes.parquet")
+    relabelled("d/meta/episodes.table")
     for path in Path("d/data").iterdir():
         relabelled(path)
     code = [{"target": EVIL, "version": EVIL, "sha256": None}]

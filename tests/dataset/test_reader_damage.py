@@ -38,7 +38,7 @@ READS = [
 METADATA = {
     "dataset.json": lambda d: d.info,
     "statistics.json": lambda d: d.statistics(),
-    "episodes.parquet": lambda d: d.episodes,
+    "episodes.table": lambda d: d.episodes,
 }
 
 

@@ -89,7 +89,7 @@ def test_a_setpoint_that_float32_cannot_hold_is_found_and_joined(describe, made_
     """The rows and the table of episodes have one type and value; 20.1 stays 20.1 for people."""
     experiment = describe(setpoints=[20.1, 70], output={"dtype": dtype})
     dataset = made_at(experiment, tmp_path / "odd")
-    files = (pd.read_parquet(dataset.path / part) for part in ("data", "meta/episodes.parquet"))
+    files = (pd.read_parquet(dataset.path / part) for part in ("data", "meta/episodes.table"))
     for rows, episodes in (files, (dataset.to_pandas(), dataset.episodes)):
         assert rows["obs_setpoint"].dtype == episodes["setpoint"].dtype == dtype
         keys = {"left_on": ["episode", "obs_setpoint"], "right_on": ["episode", "setpoint"]}

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from helpers import ROOT
-from helpers.datasets import PLAIN
 from helpers.folders import seal
 from ruamel.yaml import YAML
 
@@ -116,18 +115,6 @@ def test_the_files_and_the_splits_are_those_of_the_manifest(dataset):
         row["splits/name"]: (row["splits/episodes"], row["splits/rows"]) for row in sets["splits"]["data"]
     }
     assert counts == {name: (split["episodes"], split["rows"]) for name, split in dataset.splits.items()}
-
-
-def test_a_dataset_of_an_earlier_version_without_it_is_whole_and_used(made_at, tmp_path):
-    earlier = made_at(PLAIN, tmp_path / "earlier")
-    seal(earlier.path, lambda listed: listed["files"].pop())
-    (earlier.path / manifest.CROISSANT).unlink()
-    assert ibdata.validate(earlier.path) == []
-    assert ibdata.repair(earlier.path, workers=1) == []
-    assert set(ibdata.split(earlier.path, by="policy").splits) == {"source", "random", "safe"}
-    assert not (earlier.path / manifest.CROISSANT).exists()
-    copy = ibdata.split(earlier.path, materialize=tmp_path / "copy")
-    assert described(copy)["distribution"][0]["sha256"] == earlier.content_root
 
 
 def test_a_description_of_another_form_is_named(copied):

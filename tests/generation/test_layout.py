@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 import ibdata
 
 SHARDS = [(0, 2), (2, 3), (3, 5), (5, 6), (6, 8), (8, 9), (9, 11), (11, 12)]  # of `dataset`, by episode
-META = ["croissant.json", "dataset.json", "episodes.parquet", "experiment.yaml", "manifest.json"]
+META = ["croissant.json", "dataset.json", "episodes.table", "experiment.yaml", "manifest.json"]
 META += ["splits.json", "statistics.json"]
 
 
@@ -188,6 +188,6 @@ def test_it_stays_with_the_episode(made, tmp_path):
     other = ibdata.generate({"name": "x", "setpoints": 70, "steps": 3, "policies": ["safe"]}, tmp_path / "x")
     merged = ibdata.merge([other.path, made.path], out=tmp_path / "merged")
     assert merged.episodes["acting"].astype(str).tolist() == ["safe", *made.episodes["acting"]]
-    (merged.path / "meta" / "episodes.parquet").unlink()
+    (merged.path / "meta" / "episodes.table").unlink()
     ibdata.repair(merged.path)
     assert ibdata.validate(merged.path) == []

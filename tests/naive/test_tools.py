@@ -1,5 +1,6 @@
 """What people do with whole datasets in a normal year: split, merge, repair, card; twice and in turn."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,10 @@ from helpers.folders import contents
 from ruamel.yaml import YAML
 
 import ibdata
+from ibdata.cli import main
+from ibdata.dataset import manifest
 from ibdata.errors import IbdataError, UsageError
+from ibdata.tools.listing import datasets_in
 
 ODD = 20.1  # which float32 cannot hold
 PLAIN = {"name": "p", "setpoints": [ODD, 70], "policies": ["random", "safe"], "episodes": 4, "steps": 5}
@@ -269,3 +273,53 @@ def test_an_export_is_no_dataset(ds, tmp_path):
         with pytest.raises(IbdataError, match="no finished dataset here"):
             call(place)
     assert "no finished dataset here" in str(ibdata.validate(place))
+
+
+def as_before(folder):
+    """A dataset as an earlier ibdata left it."""
+    (folder / "meta/episodes.table").rename(folder / "meta/episodes.parquet")
+    entries = json.loads((folder / manifest.PATH).read_bytes()) | {"version": 1}
+    (folder / manifest.PATH).write_text(json.dumps(entries | {"checksum": manifest.checksum(entries)}))
+
+
+COMMANDS = """
+    info d
+    head d
+    stats d
+    plot d --out pictures
+    card d
+    export d --to npz --out x.npz
+    split d --by policy
+    split d --list
+    merge d d --out both
+    validate d
+    validate d --quick
+    repair d
+    reproduce d
+    finalize d
+    generate d/meta/experiment.yaml --out d
+    generate d/meta/experiment.yaml --out d --overwrite
+"""
+
+
+@pytest.mark.parametrize("words", COMMANDS.strip().splitlines(), ids=str.strip)
+def test_a_dataset_of_an_earlier_ibdata_is_refused_in_one_line(tmp_path, monkeypatch, capsys, words):
+    """After an update, each command says what it found and what to do; none sends to the next one."""
+    monkeypatch.chdir(tmp_path)
+    as_before(made("d", steps=1, episodes=1).path)
+    before = contents("d")
+    monkeypatch.setattr("ibdata.cli._end_at_signals", lambda: None)  # the tests have handlers of their own
+    with pytest.raises(SystemExit) as end:
+        main(words.split())
+    said = "".join(capsys.readouterr()).strip()
+    assert end.value.code in (2, 3)
+    assert said.count("\n") == 0
+    assert "found version 1, expected 2; make the dataset again with this ibdata" in said
+    assert contents("d") == before
+
+
+def test_a_dataset_of_an_earlier_ibdata_is_listed(tmp_path):
+    """`ibdata ls` shows it among the others."""
+    made(tmp_path / "new")
+    as_before(made(tmp_path / "old", steps=1).path)
+    assert [each.state for each in datasets_in(tmp_path)] == ["finished", "unreadable"]

@@ -192,7 +192,7 @@ def test_values_count_and_not_how_they_are_written(copied):
     edit(copied / "meta/statistics.json", lambda stats: moved(stats, 0.009))  # the next value of the sample
     experiment = copied / "meta/experiment.yaml"
     experiment.write_text(experiment.read_text() + "# a remark\n")
-    episodes = copied / "meta/episodes.parquet"
+    episodes = copied / "meta/episodes.table"
     pq.write_table(pq.read_table(episodes), episodes, compression="snappy", write_page_index=True)
     for shard in (copied / "data").iterdir():
         pq.write_table(pq.read_table(shard), shard, compression="zstd", row_group_size=7)

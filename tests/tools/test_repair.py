@@ -40,7 +40,7 @@ FILES = {  # and what happens to each
     "shard 0": "missing",
     "shard 3": "cut",
     "meta/dataset.json": "flipped",
-    "meta/episodes.parquet": "missing",
+    "meta/episodes.table": "missing",
     "meta/statistics.json": "cut",
     manifest.EXPERIMENT: "flipped",
     manifest.CROISSANT: "cut",
