@@ -359,17 +359,6 @@ def test_variants_of_the_dynamics(ds):
         ibdata.rollouts(({"base": "siemens", "consumption_offset": 3.0}, state), zero)
 
 
-def test_rows_of_two_dynamics(ds, tmp_path):
-    """Somebody merges datasets, plays rows of both, and goes on. Each row keeps its dynamics and noise."""
-    other = made_of(tmp_path / "paper", dynamics="paper", policies=[{"kind": "random", "name": "printed"}])
-    both, actions = ibdata.merge([ds, other], tmp_path / "both"), sequences(1, 6)
-    made = ibdata.rollouts(both, actions[:, :4], rows=[210, 10, 390], noise="recorded")
-    made = ibdata.rollouts(made, actions[:, 4:])
-    for i, (source, row) in enumerate([(other, 10), (ds, 10), (other, 190)]):
-        alone = ibdata.rollouts(source, actions, rows=row, noise="recorded")
-        np.testing.assert_array_equal(alone.rewards[0, 0, 0, 4:], made.rewards[i, 0, 0])
-
-
 def test_constant_and_moving_setpoints_in_one_state():
     """Somebody joins states of both kinds. It is refused."""
     joined = State(np.hstack([initial_state(70).values, initial_state(70, drifting=True).values]))
