@@ -41,9 +41,7 @@ def without(path):
 
 SEED = "another experiment (seed: found 1, expected 0)"
 REPLACE = f"out: holds the dataset of {SEED}; overwrite=True to replace it, or choose another out"
-BOTH = (
-    f"out: holds the dataset of {SEED}, and an unfinished run {{}} shards; overwrite=True to replace both"
-)
+BOTH = f"out: holds the dataset of {SEED}, and an unfinished run {{}} shards; overwrite=True to replace both"
 FILE = "out: is a file, not a folder; choose another out"
 FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose another out"
 DAMAGED = "out: not a dataset of ibdata, left as it is ("
