@@ -187,7 +187,7 @@ class Build:
 
     def _begin(self) -> None:
         """Begin the run, or go on with the one that is there; another one is refused or dropped."""
-        if self._make_folder():
+        if not self.run.exists() and self._make_folder():
             return
         if difference := self._difference():
             if not self._overwrite:
@@ -197,9 +197,7 @@ class Build:
             self._make_folder()
 
     def _make_folder(self) -> bool:
-        """Fill the folder of the run under another name, and rename it; False if there is one."""
-        if self.run.exists():
-            return False
+        """Fill the folder of the run under another name, and rename it; False if another host was faster."""
         new = self._part.folder / f"tmp-{secrets.token_hex(8)}"
         for folder in (new, new / DATASET, new / RECEIPTS):
             folder.mkdir()
