@@ -112,6 +112,12 @@ def test_no_page_is_too_long_to_be_read_at_once():
         assert len(prose.split()) <= (900 if name in read else 1_200), name
 
 
+def test_the_promises_count_the_naive_uses():
+    files = "".join(path.read_text() for path in (ROOT / "tests/naive").glob("test_*.py"))
+    uses = len(re.findall(r"^def test_", files, re.MULTILINE))
+    assert f"** {uses} things that people do in a normal year" in PAGES["promises.md"]
+
+
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
 SHELL = [line for language, block in BLOCKS if language == "sh" for line in block.splitlines()]
