@@ -35,8 +35,7 @@ RECORDED = "recorded"
 class Lanes:
     """Where n lanes are, where their noise goes on, and what was seen of them."""
 
-    worlds: list[World]
-    world: Ints  # (n,): which of these
+    world: World
     state: State
     starts: Digests  # of the first states
     noise: int | str
@@ -50,13 +49,13 @@ class Lanes:
     def take(self, lanes: Ints) -> Lanes:
         """A copy of some lanes, without the window."""
         taken = dataclasses.replace(self, state=self.state.take(lanes), window=None)
-        for name in ("world", "starts", "keys", "index", "step"):
+        for name in ("starts", "keys", "index", "step"):
             setattr(taken, name, getattr(self, name)[lanes])
         return taken
 
     def look(self, states: State, numbers: Ints) -> Window:
         """What is seen of the lanes (n,), from their latest states (n · times), newest first."""
-        n, drifting = len(self.world), self.worlds[0].drifting
+        n, drifting = len(self.step), self.world.drifting
         window = Window(self.view, drifting, n, 1)
         clean = values_of(states, observed_rows(self.view, drifting)).reshape(n, states.lanes // n, -1)
         window.begin(np.arange(n), clean[:, -1], numbers)
@@ -155,10 +154,9 @@ def rollouts(
         begun = _before_rows(start, rows, noise, options)
     else:
         begun = (_after if going_on else _begun)(start, noise, options)
-    n, drifting = len(begun.world), begun.worlds[0].drifting
-    played = _applied(actions, n)
+    n, played = len(begun.step), _applied(actions, len(begun.step))
     k, h = played.shape[1:3]
-    shape, columns = (n, k, samples), len(options.frame(drifting))
+    shape, columns = (n, k, samples), len(options.frame(begun.world.drifting))
     size = begun.state.values[:, 0].nbytes + 4 * (h * (1 + columns) + (1 + _delay(options)) * columns)
     refuse_too_much("samples", size * n * k * samples)
     first, _, sample = np.unravel_index(np.arange(n * k * samples), shape)
@@ -182,15 +180,13 @@ def _before_rows(ds: Any, rows: Any, noise: int | str, view: ViewOptions) -> Lan
     refuse_too_much("rows", State.zeros(1).values.nbytes * n * times)
     latest = np.maximum(steps[:, None] - np.arange(times), 0)
     states = source.carries_at(np.repeat(episodes, times), latest.ravel()).state
-    lanes = _first([], np.empty(n, np.int64), states.take(np.arange(0, n * times, times)), noise, view)
-    for experiment, positions, inner in source.by_experiment(episodes):
-        lanes.world[positions] = len(lanes.worlds)
-        lanes.worlds.append(experiment.scenario.world)
-        if noise == RECORDED:
+    by_experiment = list(source.by_experiment(episodes))
+    world = by_experiment[0][0].scenario.world  # experiments of one dataset have equal ones
+    lanes = _first(world, states.take(np.arange(0, n * times, times)), noise, view)
+    if noise == RECORDED:
+        for experiment, positions, inner in by_experiment:
             recorded = episodes_of(experiment, inner)
             lanes.keys[positions], lanes.index[positions] = recorded.keys, recorded.index
-    if len({world.drifting for world in lanes.worlds}) > 1:
-        raise UsageError("rows: found constant and moving setpoints, expected rows of one kind")
     lanes.step = steps
     if view.imperfections:
         lanes.window = lanes.look(states, episodes)
@@ -236,13 +232,13 @@ def _begun(start: Any, noise: int | str, view: ViewOptions) -> Lanes:
             f"start: found {excerpt(start)}, expected a dataset with rows=, a State, or settings such as "
             "{'setpoint': 70}"
         )
-    return _first([world], np.zeros(state.lanes, np.int64), state, noise, view)
+    return _first(world, state, noise, view)
 
 
-def _first(worlds: list[World], world: Ints, state: State, noise: int | str, view: ViewOptions) -> Lanes:
+def _first(world: World, state: State, noise: int | str, view: ViewOptions) -> Lanes:
     """Lanes whose noise begins in this state."""
     starts, zeros = addresses.of_starts(state.values), np.zeros(state.lanes, np.int64)
-    return Lanes(worlds, world, state, starts, noise, _keys(noise, starts), zeros, 1, zeros, view)
+    return Lanes(world, state, starts, noise, _keys(noise, starts), zeros, 1, zeros, view)
 
 
 def _keys(noise: int | str, starts: Digests) -> Raw:
@@ -270,33 +266,31 @@ def _play(
     Writes rewards (lanes, h) and observations (lanes, h, columns).
     """
     view, h = lanes.view, actions.shape[2]
-    paid, seen = record_rows(rewarded(view)), observed_rows(view, lanes.worlds[0].drifting)
+    paid, seen = record_rows(rewarded(view)), observed_rows(view, lanes.world.drifting)
     in_order = np.arange(len(rewards)).reshape(shape).swapaxes(1, 2).ravel()
-    for number, world in enumerate(lanes.worlds):
-        of_world = in_order[lanes.world[in_order] == number]
-        for first in range(0, len(of_world), LANES):
-            here = of_world[first : first + LANES]
-            start, sequence, sample = np.unravel_index(here, shape)
-            # A sample from a start has one noise, which is drawn once.
-            _, one, unit = np.unique(start * shape[2] + sample, return_index=True, return_inverse=True)
-            units = lanes.take(here[one])
-            noisy = Noisy(
-                world, WATCHER, WATCHER.label, units.keys, units.keys, units.index, units.state.setpoint,
-                number=here, first_step=units.step, unit=unit,
-            )  # fmt: skip
-            carry = Carry.at(lanes.state.take(here), WATCHER.needs)
-            recorded = np.ascontiguousarray(actions[start, sequence].transpose(1, 0, 2))
-            for block in unroll(noisy, carry, np.concatenate([paid, seen]), h, recorded=recorded):
-                steps = slice(block.first, block.stop)
-                rewards[here, steps] = rewards_of(block.record[: len(paid)], view, view.reward_scale).T
-                clean = (block.record[len(paid) :, 1:].T + 0.0).astype(np.float32)  # (lanes, steps, columns)
-                if lanes.window is None:
-                    observations[here, steps] = clean
-                    continue
-                for t, taken in enumerate(block.actions):
-                    lanes.window.push(here, clean[:, t], taken)
-                    observations[here, block.first + t] = lanes.window.frames[here, 0]
-            lanes.state.put(here, carry.state)
+    for first in range(0, len(in_order), LANES):
+        here = in_order[first : first + LANES]
+        start, sequence, sample = np.unravel_index(here, shape)
+        # A sample from a start has one noise, which is drawn once.
+        _, one, unit = np.unique(start * shape[2] + sample, return_index=True, return_inverse=True)
+        units = lanes.take(here[one])
+        noisy = Noisy(
+            lanes.world, WATCHER, WATCHER.label, units.keys, units.keys, units.index, units.state.setpoint,
+            number=here, first_step=units.step, unit=unit,
+        )  # fmt: skip
+        carry = Carry.at(lanes.state.take(here), WATCHER.needs)
+        recorded = np.ascontiguousarray(actions[start, sequence].transpose(1, 0, 2))
+        for block in unroll(noisy, carry, np.concatenate([paid, seen]), h, recorded=recorded):
+            steps = slice(block.first, block.stop)
+            rewards[here, steps] = rewards_of(block.record[: len(paid)], view, view.reward_scale).T
+            clean = (block.record[len(paid) :, 1:].T + 0.0).astype(np.float32)  # (lanes, steps, columns)
+            if lanes.window is None:
+                observations[here, steps] = clean
+                continue
+            for t, taken in enumerate(block.actions):
+                lanes.window.push(here, clean[:, t], taken)
+                observations[here, block.first + t] = lanes.window.frames[here, 0]
+        lanes.state.put(here, carry.state)
 
 
 def _applied(actions: npt.ArrayLike, n: int) -> Float32s:
