@@ -115,11 +115,10 @@ class Build:
             try:
                 listed = manifest.read(place)
             except DatasetError as error:
-                why = "" if isinstance(error, manifest.NoDatasetError) else f" ({error})"
-                raise UsageError(
-                    f"{self.name}: not a dataset of ibdata, left as it is{why}; move it away, or choose "
-                    f"another {OUT}"
-                ) from None
+                what = "a dataset of ibdata, left as it is"
+                if not isinstance(error, manifest.NoDatasetError):
+                    what = f"a dataset that this ibdata reads, left as it is ({error})"
+                raise UsageError(f"{self.name}: not {what}; move it away, or choose another {OUT}") from None
             if self._overwrite:
                 _refuse_files(place, listed)
                 return False

@@ -44,7 +44,7 @@ REPLACE = f"out: holds the dataset of {SEED}; overwrite=True to replace it, or c
 BOTH = f"out: holds the dataset of {SEED}, and an unfinished run {{}} shards; overwrite=True to replace both"
 FILE = "out: is a file, not a folder; choose another out"
 FOREIGN = "out: not a dataset of ibdata, left as it is; move it away, or choose another out"
-DAMAGED = "out: not a dataset of ibdata, left as it is ("
+DAMAGED = "out: not a dataset that this ibdata reads, left as it is ("
 NOTE = "out/notes.txt: found a file that is not the dataset's; move it away"
 LOST = "out/meta/experiment.yaml: missing or not whole, but the dataset is finished; ibdata repair makes"
 HALF = "out/data/part-00001-"
