@@ -21,7 +21,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ibdata._system.signals import load as _load
+from ibdata._system.signals import whole_imports as _whole_imports
 from ibdata.version import __version__ as __version__
 
 if TYPE_CHECKING:  # for type checkers and editors
@@ -91,9 +91,9 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(
             f"module 'ibdata' has no attribute {name!r}", name=name, obj=sys.modules[__name__]
         )
-    module = f"ibdata.{_MODULES[name]}"
-    _load(module)
-    return getattr(sys.modules[module], "Dataset" if name == "open" else name)
+    with _whole_imports():
+        module = import_module(f"ibdata.{_MODULES[name]}")
+    return getattr(module, "Dataset" if name == "open" else name)
 
 
 def __dir__() -> list[str]:

@@ -13,6 +13,7 @@ from types import SimpleNamespace, UnionType
 from typing import Annotated, Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from ibdata._numerics.naming import decimal
+from ibdata._system.signals import whole_imports
 from ibdata.errors import ArgumentError, IbdataError, excerpt, nearest
 
 P = ParamSpec("P")
@@ -40,6 +41,8 @@ def public(
 ) -> Callable[P, R]:
     """Check the arguments of each call: ArgumentError for an unknown name, or a type that is not annotated.
 
+    Ctrl-C then waits for imports.
+
     Numbers and arrays of numpy become numbers and lists of Python. True and False are no numbers. What is no
     class, or is imported for type checkers only, is not checked. The text in an `Annotated` type is what is
     expected.
@@ -56,7 +59,8 @@ def public(
                 raise ArgumentError(f"{name}: {unknown.format(name)}{_meant(name, value, types, keys)}")
         given = [_taken(name, value, types[name]) for name, value in zip(types, args, strict=False)]
         named = {name: _taken(name, value, types.get(name, Any)) for name, value in options.items()}
-        return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]  # checked above
+        with whole_imports():
+            return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]  # checked above
 
     return checked
 

@@ -5,18 +5,23 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+import time
+from _thread import start_new_thread
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from importlib import import_module
+from importlib import _bootstrap
 from types import FrameType
+from typing import Any
 
 from ibdata.errors import Interrupted
 
 # Windows has no SIGHUP, but SIGBREAK for Ctrl-Break; it has no mask of signals either.
 STOPPING = [each for each in signal.Signals if each.name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")]
+Handler = Callable[[int, FrameType | None], Any]
 
 _arrived: list[int] = []
 _held: list[int] = []  # one entry for each block of `held` that has not ended
+_waiting: set[int] = set()  # those that came during an import, or whose exception may be lost in C++
 
 
 def check() -> None:
@@ -83,7 +88,7 @@ def stoppable() -> Iterator[None]:
     try:
         for number, handler in before.items():
             if handler is not signal.SIG_IGN:  # as under nohup, or in a shell's background job
-                signal.signal(number, stop)
+                signal.signal(number, _after_imports(stop))
         yield
     except Exception as error:
         if _arrived:  # some code turned Interrupted into an error of its own
@@ -95,13 +100,57 @@ def stoppable() -> Iterator[None]:
             signal.signal(number, handler if handler is not None else signal.SIG_DFL)
 
 
-def load(*modules: str) -> None:
-    """Import modules, and let signals wait until that is done, in the main thread.
+@contextmanager
+def whole_imports() -> Iterator[None]:
+    """Let Ctrl-C wait until an import has ended. Does nothing outside the main thread.
 
-    A module whose import was interrupted stays half imported, and Arrow, which imports pandas from C++, loses
-    the interruption.
+    Many libraries cannot be imported again once their import was interrupted, and Arrow, which imports pandas
+    from C++, loses the interruption.
     """
-    if not sys.modules.keys() >= {*modules}:
-        with stoppable(), held():
-            for name in modules:
-                import_module(name)
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    signal.signal(signal.SIGINT, _after_imports(handler))
+    try:
+        yield
+    except KeyboardInterrupt:
+        _waiting.clear()
+        raise
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if signal.SIGINT in _waiting:
+            _waiting.clear()
+            handler(signal.SIGINT, None)
+
+
+def _after_imports(handler: Handler) -> Handler:
+    """A handler to which a signal comes when no import that begins from now on is under way."""
+    begun = _imports(sys._getframe())
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        _waiting.add(number)
+        if _imports(frame) > begun:
+            start_new_thread(_send_again, (number,))  # threading has a lock, which this thread may hold
+        else:
+            handler(number, frame)
+            _waiting.discard(number)
+
+    return wait
+
+
+def _imports(frame: FrameType | None) -> int:
+    count = 0
+    while frame:
+        count += frame.f_globals is _bootstrap.__dict__
+        frame = frame.f_back
+    return count
+
+
+def _send_again(number: int) -> None:
+    time.sleep(0.02)
+    if number in _waiting:
+        if send := getattr(signal, "pthread_kill", None):  # ends waiting for a lock; Windows lacks it
+            send(threading.main_thread().ident, number)
+        else:
+            signal.raise_signal(number)

@@ -276,6 +276,8 @@ class Dataset(Episodes):
 
         Raises UsageError at once if the view does not fit the dataset.
         """
+        import pandas  # noqa: F401  # because Arrow imports it for the first rows, after the call
+
         info = self.stored.info
         batches = self.stored.batches_of(self.mask, needed(info, options), rows)
         return (transitions(table, info, options) for table in whole_episodes(batches, self.place))

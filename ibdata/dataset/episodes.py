@@ -15,7 +15,6 @@ from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import counted, decimal
 from ibdata._system.storage import Storage, existing
 from ibdata.dataset.models import Statistic
-from ibdata.dataset.parquet import load_conversion
 from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.dataset.selection import Limits, Numbers, Policy, Setpoint, Split, in_splits, meeting
 from ibdata.dataset.splits import Splits, with_later
@@ -117,9 +116,9 @@ class Episodes:
         return table if self.mask is None else table.filter(self.mask)
 
     @property
+    @public
     def episodes(self) -> pd.DataFrame:
         """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
-        load_conversion()
         table = with_later(self.stored.episodes, self.stored.splits)
         frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
         return frame if self.mask is None else frame[self.mask]

@@ -9,7 +9,6 @@ from itertools import accumulate
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata._system.signals import load
 from ibdata._system.storage import Storage, reason
 from ibdata.errors import DatasetError, printable
 
@@ -105,11 +104,6 @@ def opened(
         raise
     except errors as error:
         raise files.error(path, f"cannot be read, see ibdata validate: {reason(error)}") from None
-
-
-def load_conversion() -> None:
-    """Import what Arrow needs to convert columns; called in the main thread, before others do that."""
-    load("pandas", "pyarrow.compute", "pyarrow.pandas_compat")
 
 
 def plain_type(kind: pa.DataType) -> str:

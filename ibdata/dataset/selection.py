@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from ibdata._numerics.naming import decimal, exact
 from ibdata.dataset.models import Info
-from ibdata.dataset.parquet import load_conversion
 from ibdata.dataset.splits import runs_of
 from ibdata.dataset.stored import Mask, Stored
 from ibdata.errors import UsageError, excerpt, suggestion
@@ -124,8 +123,6 @@ def meeting(
 
     Raises UsageError if the dataset has no such split, setpoint, policy or episode, or for invalid limits.
     """
-    if any(condition is not None for condition in (setpoint, policy, returns)):
-        load_conversion()
     table = stored.episodes
     mask = np.ones(len(table), dtype=np.bool_)
     if split is not None:

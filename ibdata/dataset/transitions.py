@@ -12,7 +12,6 @@ import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ibdata.dataset.models import Info
-from ibdata.dataset.parquet import load_conversion
 from ibdata.errors import DatasetError, UsageError
 from ibdata.views.imperfections import Measurement
 from ibdata.views.options import ACTIONS, ViewOptions
@@ -78,7 +77,6 @@ def needed(info: Info, options: ViewOptions) -> list[str]:
 
     Raises UsageError if the view observes a column that the dataset does not have.
     """
-    load_conversion()
     names, known = _followed(info, options), {column.name for column in info.columns}
     for name in names:
         if name not in known:

@@ -14,7 +14,6 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata.dataset.digest import Values, episode_digests, text
-from ibdata.dataset.parquet import load_conversion
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column, columns, layout
@@ -97,7 +96,6 @@ def stored_pieces(
     Raises:
         DatasetError: There are fewer rows than the shard has.
     """
-    load_conversion()
     experiment, source = spec.experiments[shard.experiment], iter(batches)
     names, rest = layout(experiment).names, pa.record_batch({})
     if most is None:
