@@ -14,7 +14,7 @@ FULL = os.environ.get("IBDATA_TESTS") == "full"
 # Each call runs in forks of a process that has generated a dataset, as a script or a notebook has. The k-th
 # import of a fork meets the signal.
 CHILD = """
-import json, os, signal, sys, threading
+import json, os, signal, sys, threading, time
 import ibdata, ibdata.plots
 
 folder, moments, names = sys.argv[1], int(sys.argv[2]), sys.argv[3:]
@@ -104,6 +104,9 @@ def interrupted(name, strike):
     except BaseException as error:
         ended = "KeyboardInterrupt" if isinstance(error, KeyboardInterrupt) else repr(error)
         kept = "the same command goes on" in str(error)
+    patience = time.monotonic() + 5
+    while threading.active_count() > 1 and time.monotonic() < patience:
+        time.sleep(0.01)  # a thread that was being started ends by itself
     left = [each.name for each in threading.enumerate()][1:] + ([] if kept else parts())
     answer = CALLS[name](out)
     return ended, left + parts(), answer
