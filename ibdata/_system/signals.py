@@ -90,8 +90,9 @@ def stoppable() -> Iterator[None]:
             if handler is not signal.SIG_IGN:  # as under nohup, or in a shell's background job
                 signal.signal(number, _after_imports(stop))
         yield
-    except Exception as error:
-        if _arrived:  # some code turned Interrupted into an error of its own
+    except BaseException as error:
+        _waiting.difference_update(_arrived)
+        if _arrived and isinstance(error, Exception):  # some code turned Interrupted into an error of its own
             raise Interrupted(_arrived[0]) from error
         raise
     finally:
