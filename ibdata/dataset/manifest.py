@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ibdata._system.configs import shipped
+from ibdata._system.files import MOST_SEALED, plain_bytes
 from ibdata._system.part import DATASET, Part, note_of, resolved
 from ibdata._system.storage import Storage, in_data, local, reason, storage
 from ibdata.dataset.models import Manifest, parse
@@ -67,7 +68,8 @@ def _remedy(files: Storage) -> str:
         with suppress(OSError):  # not ours to read, or no name that the system knows
             if is_unfinished(part):
                 done, shards = progress(part)
-                goes_on = ", and the same command goes on" if isinstance(shards, int) else ""
+                is_of_this = note_of(part.run).get("data_version") == DATA_VERSION
+                goes_on = ", and the same command goes on" if is_of_this else ""
                 return f"; an unfinished run has {done} of {shards} shards here{goes_on}"
     for place in (below, *folder.parents):
         if os.path.isfile(local(place) / PATH):
@@ -140,9 +142,13 @@ def is_unfinished(part: Part) -> bool:
 
     Nobody goes on with a run in which an object of a Python session acts, or with one that was published.
     """
-    note = note_of(part.run)
-    is_published = note.get("manifest") not in (None, checksum_in(part.run / DATASET))
-    return bool(part.receipts) and not note.get("live") and not is_published
+    note, made = note_of(part.run), part.run / DATASET
+    if not part.receipts or note.get("live"):
+        return False
+    if (noted := note.get("manifest")) is None:
+        return True
+    replaced = checksum_in(made)  # by the exchange, if it is another one
+    return made.exists() and checksum_in(part.target) != noted and replaced in (None, noted)
 
 
 def progress(part: Part) -> tuple[int, int | str]:
@@ -154,7 +160,7 @@ def progress(part: Part) -> tuple[int, int | str]:
 def checksum_in(folder: Path) -> str | None:
     """The checksum of the manifest in a folder; None if there is none that can be read."""
     with suppress(OSError, ValueError):
-        return _parsed((folder / PATH).read_bytes()).checksum
+        return _parsed(plain_bytes(folder / PATH, MOST_SEALED)).checksum
     return None
 
 

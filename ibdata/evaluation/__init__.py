@@ -25,7 +25,7 @@ from ibdata.views.options import View, view_of
 @public
 def evaluate(
     policy: Any,
-    setpoint: float | Sequence[float] | str | dict[str, Any] | None = None,
+    setpoint: float | Sequence[float] | str | Mapping[str, Any] | None = None,
     *,
     steps: int | None = None,
     discount: float | None = None,

@@ -125,7 +125,8 @@ def rollouts(
             of the dataset's own episodes. With it, the actions of a row give the row that follows, as
             float32, and other actions the counterfactual. A planner that has the seed of what is played
             looks ahead: give it another one.
-        view: What is observed and rewarded, as the options of a view (docs/views.md). Imperfections have
+        view: What is observed and rewarded, as the options of a view (docs/views.md), by default that of the
+            earlier rollouts. Imperfections have
             their own seed; they know the rows before a row, and what earlier rollouts showed.
 
     Returns:
@@ -135,7 +136,8 @@ def rollouts(
         UsageError, ConfigError: An argument is invalid, or the dataset has no such row.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    options, going_on = view_of(view), isinstance(start, Rollouts)
+    going_on = isinstance(start, Rollouts)
+    options = start.lanes.view if going_on and view is None else view_of(view)
     if samples < 1:
         raise UsageError(f"samples: found {samples}, expected at least 1")
     if options.cost is not None:
@@ -201,9 +203,14 @@ def _after(earlier: Rollouts, noise: int | str, view: ViewOptions) -> Lanes:
     if view.imperfections and view != lanes.view:
         expected = "that of the earlier rollouts; their state begins anew"
         raise UsageError(f"view: found another view with imperfections, expected {expected}")
-    keys = lanes.keys if noise == lanes.noise else _keys(noise, lanes.starts)
+    keys, index = lanes.keys, lanes.index
+    if noise != lanes.noise:
+        keys = _keys(noise, lanes.starts)
+        index = np.zeros_like(index) if lanes.noise == RECORDED else index  # that of a recorded episode
     window = lanes.window if view.imperfections else None
-    return dataclasses.replace(lanes, noise=noise, keys=keys, view=view, window=window)
+    return dataclasses.replace(
+        lanes, state=earlier.state, noise=noise, keys=keys, index=index, view=view, window=window
+    )
 
 
 def _begun(start: Any, noise: int | str, view: ViewOptions) -> Lanes:

@@ -9,9 +9,10 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from ibdata._numerics.naming import NAME_PATTERN, exact
+from ibdata._numerics.naming import NAME_PATTERN, decimal, exact
 from ibdata.errors import excerpt, suggestion
 from ibdata.policies.base import FROM_FLOAT, FrozenModel
 
@@ -33,8 +34,15 @@ def of_types(*types: type) -> BeforeValidator:
 
 
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-# -0.0 becomes 0.0, so that both have the same digest.
-Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(lambda value: value + 0.0)]
+
+
+def _setpoint(value: float) -> float:
+    """A number without the sign of -0.0; one that comes from a float32, as in tables, is its decimal."""
+    single = np.float32(value)
+    return (decimal(single) if float(single) == value else value) + 0.0
+
+
+Setpoint = Annotated[Real, Field(ge=0.0, le=100.0), AfterValidator(_setpoint)]
 EpisodeCount = Annotated[int, Field(strict=True, ge=1, lt=2**48), FROM_FLOAT]
 StepCount = Annotated[int, Field(strict=True, ge=1, lt=2**31), FROM_FLOAT]
 EpisodeIndex = Annotated[int, Field(strict=True, ge=0), FROM_FLOAT]

@@ -73,16 +73,17 @@ class Build:
         Raises UsageError or DatasetError if another ibdata began it.
         """
         part = Part(resolved(place))
-        part.refuse_foreign()
-        record = Record.read(part.run)
-        if record.live if record else not manifest.is_unfinished(part):
-            return None
+        with refusals(place):
+            part.refuse_foreign()
+            record = Record.read(part.run)
+            if record.live if record else not manifest.is_unfinished(part):
+                return None
         if record is None:
             raise DatasetError(f"{place}: holds an unfinished run {UNREADABLE}; remove {_shown(part.run)}")
         try:
             return cls(place, record.dataset_spec()), record
         except DatasetError as error:
-            raise DatasetError(f"{place}: {error}") from None
+            raise DatasetError(f"{place}: {error}, or remove {_shown(part.run)}") from None
 
     @property
     def run(self) -> Path:
@@ -103,6 +104,7 @@ class Build:
         """
         with refusals(self.name):
             _refuse_place(self._path, self.name)
+            self._part.refuse_foreign()
             place = self._path if existing_paths(self._path) else self._part.folder / OLD  # to be restored
             is_in_the_way = not self._overwrite and manifest.is_unfinished(self._part)
             difference = self._difference() if is_in_the_way else None

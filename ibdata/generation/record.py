@@ -10,9 +10,10 @@ import hashlib
 import sys
 from base64 import b64decode, b64encode
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from ibdata._simulation.carry import begin
 from ibdata._simulation.unroll import unroll
@@ -41,7 +42,7 @@ class Planned(JsonObject):
     """What `DatasetSpec.plain` gives."""
 
     name: str
-    experiments: list[Unchecked]
+    experiments: Annotated[list[Unchecked], Field(min_length=1)]
 
 
 class Record(JsonObject):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import secrets
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -178,15 +179,16 @@ def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
     """Read the receipt of a shard in the folder of a run; None if there is none that is as it was written."""
     try:
         file = io.BytesIO(read_sealed(_receipt_path(root, shard)))
-    except OSError:
+        header, digests, returns, *arrays, sample = (np.load(file) for _ in range(9))
+        known = json.loads(header.tobytes())
+        entry = FileEntry(*known["file"])
+        if not re.fullmatch(f"{re.escape(shard.stem)}-[0-9a-f]+[.]parquet", entry.path):
+            return None  # that of another shard
+        moments = Moments(known["rows"], *arrays)
+        summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
+    except (OSError, ValueError, TypeError, LookupError, EOFError):  # somebody else's, too
         return None
-    header, digests, returns, *arrays, sample = (np.load(file) for _ in range(9))
-    known = json.loads(header.tobytes())
-    if not known["file"][0].startswith(f"{shard.stem}-"):  # that of another shard
-        return None
-    moments = Moments(known["rows"], *arrays)
-    summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
-    return WrittenShard(shard, FileEntry(*known["file"]), summary)
+    return WrittenShard(shard, entry, summary)
 
 
 def _receipt_path(root: Path, shard: Shard) -> Path:

@@ -91,6 +91,8 @@ def upload(remote: Remote, work: Path) -> None:
     """Upload the finished dataset in a folder, the manifest last, and remove the folder."""
     with locked_part(work, remote.name):  # nobody else uploads it, or removes it
         try:
+            if others := remote.sizes().keys() - _files(work):  # of a try whose dataset was damaged here
+                raise UsageError(f"{remote.name}: holds other files, such as {min(others)}; remove them")
             for path in [*sorted(_files(work) - {manifest.PATH}), manifest.PATH]:
                 if (work / path).is_file():
                     remote.put(work / path, path)

@@ -251,7 +251,8 @@ def _difference(value: Any, plain: Any, recorded: Any, *keys: object) -> str | N
     elif type(plain) is type(recorded) is list and len(plain) == len(recorded):
         pairs = list(zip(range(len(plain)), value, plain, recorded, strict=True))
     elif type(plain) is not type(recorded) or plain != recorded:
-        return f"{'.'.join(map(str, keys))}: found {excerpt(recorded)}, expected {excerpt(plain)}"
+        found, expected = ("nothing" if x is None else excerpt(x) for x in (recorded, plain))
+        return f"{'.'.join(map(str, keys))}: found {found}, expected {expected}"
     differences = (_difference(*inner, *keys, key) for key, *inner in pairs)
     return next(filter(None, differences), None)
 

@@ -11,6 +11,7 @@ import importlib
 import os
 import sys
 import sysconfig
+import threading
 import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, redirect_stdout
@@ -29,6 +30,7 @@ PACKAGE = Path(__file__).parents[1]
 STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
 OTHERS = ("ibdata", "__main__", "__mp_main__")  # packages whose modules are never those of users
 LONGEST = 300  # characters of an error's own text
+IMPORTING = threading.RLock()
 
 
 class Acting(ExitStack):
@@ -43,8 +45,14 @@ class Acting(ExitStack):
         """The current folder before any object acts, in which code is looked for."""
         return self._folder or Path.cwd()
 
+    @cached_property
+    def _alone(self) -> None:
+        """Wait until no other thread has users' code imported anew: modules and path are the process's."""
+        self.enter_context(IMPORTING)
+
     def add_to_path(self, folders: Iterable[str]) -> None:
         """Let Python look for modules in these folders, before all others as `python -m` does."""
+        _ = self._alone
         self._set(sys, "path", [*dict.fromkeys(folders), *sys.path])
 
     def imported(self, module: str, file: Path | None) -> ModuleType:
@@ -80,7 +88,7 @@ class Acting(ExitStack):
 
 def _forget_modules() -> None:
     for name in _modules_of_users():
-        del sys.modules[name]
+        sys.modules.pop(name, None)
 
 
 def _modules_of_users() -> dict[str, ModuleType]:

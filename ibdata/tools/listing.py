@@ -107,8 +107,9 @@ def _listed(root: Path) -> Iterator[Listed]:
         for name in below:
             if name.startswith(".") and name.endswith(".part"):
                 part = Part(Path(place, name[1:].removesuffix(".part")))
-                if manifest.is_unfinished(part):
-                    yield _unfinished(part)
+                with suppress(OSError):  # not ours to read
+                    if manifest.is_unfinished(part):
+                        yield _unfinished(part)
         below[:] = [
             name for name in below if not name.startswith(".") and _is_new(root, Path(place, name), seen)
         ]
@@ -142,7 +143,7 @@ def _unfinished(part: Part) -> Listed:
         if record := Record.read(part.run):
             state = f"unfinished, {len(part.receipts)} of {counted(record.shards, 'shard')}"
             return _of(part.run, record.dataset_spec(), state, None, None, size)
-    return Listed(part.run, "unfinished, damaged", None, None, [], [], size, None)
+    return Listed(part.run, "unfinished, unreadable", None, None, [], [], size, None)
 
 
 def _of(path: Path, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int) -> Listed:

@@ -47,7 +47,7 @@ def test_datasets_of_every_state_are_listed(made, made_at, run):
     ]
     assert lines[2][4:9] == ["20", "…", "90", "(4)", "random"]
     assert "unfinished, 1 of 4 shards" in out
-    assert "unfinished, damaged" in out
+    assert "unfinished, unreadable" in out
     for words in (["info", "x/begun"], ["stats", "x/begun"]):
         code, _, err = run(*words)
         assert code == 3

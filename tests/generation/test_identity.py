@@ -81,7 +81,7 @@ def test_what_is_not_recorded_counts_as_the_default(rich):
     for path in ((), ("output",), ("policies", 0), ("splits",)):
         data = json.loads(recorded)
         at(data, path)["unknown"] = 1
-        assert rich.difference(data) == f"{'.'.join(map(str, (*path, 'unknown')))}: found 1, expected None"
+        assert rich.difference(data) == f"{'.'.join(map(str, (*path, 'unknown')))}: found 1, expected nothing"
 
 
 @pytest.fixture

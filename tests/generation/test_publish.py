@@ -224,7 +224,7 @@ def test_a_run_of_another_version_is_refused(tiny, files, capsys):
     write(run.parent, run.name, sealed(read_sealed(run).replace(b'"random"', b'"wander"')))
     with pytest.raises(SystemExit, match=r"^0$"):
         main(["ls", "."])
-    assert "unfinished, damaged" in capsys.readouterr().out
+    assert "unfinished, unreadable" in capsys.readouterr().out
     with pytest.raises(DatasetError, match=r"^out: found an unfinished run of another ibdata"):
         ibdata.finalize("out")
     with pytest.raises(UsageError, match=r"^out: holds an unfinished run of another .*\(policies.*2 of 4"):

@@ -287,3 +287,13 @@ def test_costs_beside_a_view_after_a_burn_in():
     viewed = evaluate(Looking(3), view={"cost": cost, **UNSEEN}, **settings).results[0]
     assert (viewed.mean_cost, viewed.violations) == (plain.mean_cost, plain.violations)
     assert plain.mean_cost > 0
+
+
+def test_the_setpoints_of_a_table_as_numbers_of_python(tmp_path):
+    """A loop over groups of a table hands back floats that came from float32: they mean their decimals."""
+    plain = {"name": "x", "setpoints": [70.3, 20], "policies": ["random"], "steps": 3}
+    table = ibdata.generate(plain, tmp_path / "x", workers=1).episodes
+    for setpoint in sorted(set(table["setpoint"].tolist())):
+        [result] = ibdata.evaluate("random", setpoint, episodes=3, steps=3).results
+        [right] = ibdata.evaluate("random", round(setpoint, 1), episodes=3, steps=3).results
+        assert result == right

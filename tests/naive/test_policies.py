@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -129,6 +130,22 @@ def test_two_projects_have_helpers_of_one_name(here):
         UsageError, match=r"found another module with the name helper_of_mine in use.*; rename"
     ):
         played({"kind": "mixture", "bases": blocks})
+
+
+def test_policies_are_evaluated_in_threads(here):
+    """A sweep in a pool of threads: each plays its own code, and the session is as before."""
+    for number in range(4):
+        (here / f"project{number}").mkdir()
+        (here / f"project{number}/sizes_of_mine.py").write_text(f"SIZE = {number / 4}")
+        write(f"project{number}/acting.py", "sizes_of_mine.SIZE", "import sizes_of_mine")
+    blocks = [{"kind": "custom", "target": f"project{number}/acting.py:policy"} for number in range(4)]
+    before = sys.path[:], sys.dont_write_bytecode, set(sys.modules)
+    with ThreadPoolExecutor(4) as threads:
+        returns = list(threads.map(played, blocks * 2))
+    assert returns == [always(number / 4) for number in range(4)] * 2
+    assert (sys.path, sys.dont_write_bytecode) == before[:2]
+    assert before[2] <= set(sys.modules)
+    assert "sizes_of_mine" not in sys.modules
 
 
 def test_a_broken_edit_is_mended(here):

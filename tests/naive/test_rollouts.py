@@ -165,6 +165,24 @@ def test_going_on_twice(ds):
     np.testing.assert_allclose(draws(one), draws(two), atol=1e-9)
 
 
+def test_going_on_without_naming_the_view(ds):
+    """Somebody scales the rewards once, then goes on: the view stays, and so does a state that was edited."""
+    zeros, scaled = np.zeros((1, 2, 3)), {"reward_scale": 0.01}
+    made = ibdata.rollouts(ds, zeros, rows=[0], view=scaled)
+    unnamed, named, plain = (ibdata.rollouts(made, zeros, view=view).rewards for view in (None, scaled, {}))
+    assert np.array_equal(unnamed, named)
+    np.testing.assert_allclose(plain, unnamed * 100, rtol=1e-5)
+    edited = made._replace(state=made.state.replace(velocity=[99.0]))
+    assert ibdata.rollouts(edited, zeros).state.velocity.tolist() == [99.0]
+
+
+def test_going_on_from_recorded_noise_with_a_seed(ds):
+    """The episode's own noise ends where a seed is given: what follows is the start's own noise."""
+    first, last = (ibdata.rollouts(ds, np.zeros((1, 1, 3)), rows=[row], noise="recorded") for row in (0, 120))
+    for made in (first, last):
+        assert ibdata.rollouts(made, np.zeros((1, 2, 3)), noise=3).lanes.index.tolist() == [0]
+
+
 def test_two_policies_in_a_loop(ds):
     """Somebody compares two policies in loops from one start. They stay paired; each step has new noise."""
     seen = []
@@ -260,7 +278,7 @@ def test_an_imperfect_view_in_pieces(ds, noise):
             UsageError, match=r"^view: found another view with imperfections, expected that of the earlier"
         ):
             ibdata.rollouts(other, actions, view=DELAYED)
-    assert ibdata.rollouts(made, actions).observations.shape == (2, 1, 1, 9, 6)
+    assert ibdata.rollouts(made, actions, view={}).observations.shape == (2, 1, 1, 9, 6)
 
 
 def test_a_noisy_view_in_a_loop(ds):

@@ -93,6 +93,14 @@ def test_another_experiment_waits_for_the_one_that_is_not_uploaded(url, monkeypa
         four_shards_at(url + "-too", seed=1)
 
 
+def test_files_of_an_upload_whose_dataset_was_damaged_are_not_mixed_with_others(url, monkeypatch, cache):
+    """They have other names, and a glob would read both."""
+    interrupted(monkeypatch, url, 3)
+    next(path for path in sorted((cache / "0/dataset/data").iterdir())[-1:]).write_bytes(b"")
+    with pytest.raises(UsageError, match=r"there: holds other files, such as data/part-.*; remove them$"):
+        four_shards_at(url)
+
+
 def stop_after(shards):
     calls = iter(range(shards))
 
