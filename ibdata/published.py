@@ -263,7 +263,7 @@ class IBGym(Env):
         """
         self._check_settings()
         if options:
-            raise UsageError(f"options: found {excerpt(options)}, expected none")
+            raise UsageError(f"options: found {excerpt(options)}, expected no options")
         if gymnasium is not None:
             super().reset(seed=seed)
         self.IB = IDS(self.setpoint, inital_seed=self.init_seed if seed is None else seed)

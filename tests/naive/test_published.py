@@ -217,7 +217,7 @@ def test_options_of_a_reset():
     """Somebody gives options to `reset`, which has none. They are refused; an empty mapping is not."""
     env = IBGym(70, init_seed=1)
     assert env.reset(options={})[0] == 70
-    with pytest.raises(ValueError, match=r"^options: found {'setpoint': 20}, expected none"):
+    with pytest.raises(ValueError, match=r"^options: found {'setpoint': 20}, expected no options"):
         env.reset(options={"setpoint": 20})
 
 
