@@ -171,7 +171,11 @@ def calling(tmp_path, monkeypatch):
     """A module that calls ibdata when it is imported."""
     (tmp_path / "calling.py").write_text(CALLING)
     monkeypatch.syspath_prepend(tmp_path)
+    before = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a command that ran here ends at signals
     yield "calling"
+    signal.signal(signal.SIGINT, before)
     sys.modules.pop("calling", None)
 
 
