@@ -10,7 +10,7 @@ from signal import raise_signal
 
 import pytest
 
-FULL = os.environ.get("IBDATA_TESTS") == "full"
+FULL = os.environ.get("IBDATA_FAULTS") == "full"
 # Each call runs in forks of a process that has generated a dataset, as a script or a notebook has. The k-th
 # import of a fork meets the signal.
 CHILD = """
@@ -142,12 +142,12 @@ def test_an_interrupted_import_is_an_interrupted_call(tmp_path):
     assert wrong(tmp_path, 1, "validate") == []
 
 
-@pytest.mark.slow
+@pytest.mark.faults
 def test_every_call_can_be_interrupted_and_repeated(tmp_path):
     """Somebody presses Ctrl-C in the cell of a notebook, and runs the cell again."""
     names = CHILD.partition("CALLS = {")[2].partition("\n}")[0].split('    "')[1:]
     names = [each.partition('"')[0] for each in names]
-    assert wrong(tmp_path, 20 if FULL else 3, *names) == []
+    assert wrong(tmp_path, 20 if FULL else 2, *names) == []
 
 
 CALLING = """
