@@ -81,7 +81,13 @@ def test_the_report_is_whole_html_that_loads_nothing_and_says_what_the_dataset_i
     assert carded.content_root in text
     described = [column["description"] for column in carded.info["columns"]]
     paths = [shard["path"] for shard in carded.manifest["shards"]]
-    words = ["240", "12 of 20 steps", "random, safe", "source", *carded.manifest["versions"].values()]
+    words = [
+        "240, in data/*.parquet",
+        "12 of 20 steps",
+        "random, safe",
+        "source",
+        *carded.manifest["versions"].values(),
+    ]
     assert {*described, *paths, *words} <= set(cells)
 
 
