@@ -111,6 +111,13 @@ def notice(line: str, prefix: str = "ibdata: ") -> None:
     print(f"{prefix}{printable(hidden(_worded(line)))}", file=sys.stderr, flush=True)
 
 
+def reason(error: BaseException) -> str:
+    """What an error says, in one line without credentials."""
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    line = hidden((text.splitlines() or [""])[0])  # hides credentials before the line is cut
+    return (printable(line) or type(error).__name__)[:300]
+
+
 def excerpt(value: object, most: int = 60) -> str:
     """The beginning of a value's representation, in one line.
 

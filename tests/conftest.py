@@ -71,7 +71,7 @@ def shard_file() -> ShardFile:
     """A function for the path of a shard in a folder, whose name ends with random digits, by its number."""
 
     def path(folder: str | Path, number: int) -> str:
-        (found,) = Path(folder, "data").glob(f"part-{number:05d}-????????.parquet")
+        (found,) = Path(folder, "data").glob(f"part-{number:05d}-*.parquet")
         return f"data/{found.name}"
 
     return path
@@ -84,7 +84,7 @@ def files() -> Callable[[str | Path], dict[str, bytes]]:
     The random digits in the names of shards are left out everywhere, and so are the parts of the manifest
     that depend on them: its checksum, and the hashes of the other files, whose content is compared anyway.
     """
-    token = re.compile(rb"(part-[0-9]{5})-[0-9a-f]{8}(?=\.parquet)")
+    token = re.compile(rb"(part-[0-9]{5})-[0-9a-f]{16}(?=\.parquet)")
 
     def content(path: Path) -> bytes:
         data = path.read_bytes()
@@ -99,6 +99,13 @@ def files() -> Callable[[str | Path], dict[str, bytes]]:
         return {token.sub(rb"\1", bytes(path.relative_to(folder))).decode(): content(path) for path in paths}
 
     return below
+
+
+@pytest.fixture
+def url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The URL of a folder `there` that is not there yet, in an empty current folder."""
+    monkeypatch.chdir(tmp_path)
+    return f"{tmp_path.as_uri()}/there"
 
 
 @pytest.fixture

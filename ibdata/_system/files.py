@@ -94,6 +94,11 @@ def write_new(folder: Path, path: str, data: bytes, waits: bool = True) -> FileE
     return FileEntry(path, file.size, file.sha256())
 
 
+def entry_of(path: str, data: bytes) -> FileEntry:
+    """The entry of a file with a path and a content."""
+    return FileEntry(path, len(data), hashlib.sha256(data).hexdigest())
+
+
 def write(folder: Path, path: str, data: bytes) -> FileEntry:
     """Write folder/path in place of an older file, whose mode and group it gets.
 
@@ -184,11 +189,15 @@ def sealed(data: bytes) -> bytes:
 
 
 def read_sealed(path: Path) -> bytes:
-    """Read the data of a sealed file. Raises OSError if they are not what was written."""
-    content = plain_bytes(path, MOST_SEALED)
+    """Read the data of a sealed file. Raises ValueError if they are not what was written."""
+    return unsealed(plain_bytes(path, MOST_SEALED))
+
+
+def unsealed(content: bytes) -> bytes:
+    """The data of what was read of a sealed file. Raises ValueError if they are not what was written."""
     data = content[:-SEAL_BYTES]
     if sealed(data) != content:
-        raise OSError(errno.EIO, "not what was written")
+        raise ValueError("not what was written")
     return data
 
 

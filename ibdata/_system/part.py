@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import json
 import os
 import re
 import secrets
@@ -17,12 +16,11 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
-from ibdata._system.files import part_of, paths_in, read_sealed, remove, rename, sync_folder
+from ibdata._system.files import part_of, paths_in, remove, rename, sync_folder
 from ibdata._system.lock import Lock, locked
 from ibdata._system.signals import ignore, stoppable
-from ibdata.errors import OUT, WORKERS, IbdataError, UsageError, is_thread_limit, notice
+from ibdata.errors import OUT, WORKERS, IbdataError, UsageError, is_thread_limit, notice, reason
 
 LOCK, RUN, OLD = "ibdata.lock", "run", "old"  # in a part
 NOTE, RECEIPTS, DATASET = "run.json", "receipts", "dataset"  # in the folder of its run
@@ -146,15 +144,6 @@ class Part:
         self.lock.remove()
 
 
-def note_of(run: Path) -> dict[str, Any]:
-    """The data in the note of a run; none if there is no note that is as it was written."""
-    try:
-        note = json.loads(read_sealed(run / NOTE))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return note if isinstance(note, dict) else {}
-
-
 def existing_paths(folder: Path) -> list[Path]:
     """The files and folders in a folder, in order; none if there is no such folder."""
     try:
@@ -247,12 +236,12 @@ def tidy(place: Path, clear: Callable[[Part], object] | None = None) -> None:
 
 
 @contextmanager
-def refusals(place: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn errors of the operating system into one line that names the place."""
+def refusals(place: str | os.PathLike[str], remedy: str = "") -> Iterator[None]:
+    """Turn errors of the operating system, or of a store, into one line that names the place."""
     try:
         yield
     except OSError as error:
-        raise IbdataError(f"{place}: cannot be written: {error.strerror or error}") from error
+        raise IbdataError(f"{place}: cannot be written: {reason(error)}{remedy}") from error
     except MemoryError:
         raise IbdataError(
             f"{place}: out of memory; use fewer {WORKERS}, or a smaller output.shard_rows"

@@ -1,7 +1,7 @@
 """The files of a dataset, in a folder or at a URL such as s3://bucket/name.
 
-At a URL, pyarrow's file systems are tried first, then fsspec's. An object store cannot rename, and a write
-that fails may leave part of an object, so a writer uploads files whole, and the manifest last.
+At a URL, pyarrow's file systems are tried first, then fsspec's. pyarrow completes an upload that fails, so a
+part of an object may be left; therefore a writer looks at the size of what it has put.
 """
 
 from __future__ import annotations
@@ -11,13 +11,16 @@ import hashlib
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ibdata._system.files import FileEntry, is_litter, open_regular, paths_in
-from ibdata.errors import DatasetError, IbdataError, UsageError, hidden, missing, printable
+from ibdata._system.signals import held
+from ibdata.errors import DatasetError, IbdataError, UsageError, hidden, missing, printable, reason
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -180,17 +183,59 @@ class Remote(Storage):
         files = (info for info in entries if info.is_file and not is_litter(info.base_name))
         return {info.path.strip("/")[len(base) + 1 :]: info.size for info in files}
 
-    def put(self, source: Path, path: str) -> None:
-        """Upload a file. If that fails, part of it may be there."""
-        target = f"{self._base}/{path}"
-        with plain_errors(), source.open("rb") as file:
-            try:
-                stream = self._files.open_output_stream(target)
-            except FileNotFoundError:  # a file system with folders
-                self._files.create_dir(target.rpartition("/")[0], recursive=True)
-                stream = self._files.open_output_stream(target)
-            with stream:
-                shutil.copyfileobj(file, stream, BLOCK)
+    @property
+    def part(self) -> Remote:
+        """The hidden folder beside this one, in which a dataset for this place is made."""
+        around, _, name = self._split_url()[0].rpartition("/")
+        return Remote(f"{around}/.{name}.part{self._split_url()[1]}")
+
+    def below(self, name: str) -> Remote:
+        """The files in a folder of this one."""
+        return Remote(f"{self._split_url()[0]}/{name}{self._split_url()[1]}")
+
+    def _split_url(self) -> tuple[str, str]:
+        """The URL without its query, and the query."""
+        head, mark, query = self.url.partition("?")
+        return head.rstrip("/"), mark + query
+
+    def size(self, path: str) -> int | None:
+        """The bytes of a file; None if there is none."""
+        with plain_errors():
+            info = self._files.get_file_info(f"{self._base}/{path}")
+            return info.size if info.is_file else None
+
+    def put(self, source: BinaryIO, path: str, size: int) -> None:
+        """Upload a file of a size. If that fails, part of it may be there."""
+        with plain_errors():
+            with self._in_folder(self._files.open_output_stream, f"{self._base}/{path}") as stream:
+                shutil.copyfileobj(source, stream, BLOCK)
+            if (found := self.size(path)) != size:
+                raise OSError(errno.EIO, f"{path}: found {found} bytes after {size} were written")
+
+    def put_bytes(self, data: bytes, path: str) -> None:
+        """Upload a small file, without a signal between its beginning and its end."""
+        with held():
+            self.put(BytesIO(data), path, len(data))
+
+    def copy_from(self, other: Remote, path: str) -> None:
+        """Copy a file of another place in this store, which does not come to this machine."""
+        with plain_errors():
+            self._in_folder(partial(self._files.copy_file, f"{other._base}/{path}"), f"{self._base}/{path}")
+
+    def _in_folder(self, action: Callable[[str], Any], target: str) -> Any:
+        try:
+            return action(target)
+        except FileNotFoundError:  # a file system with folders
+            self._files.create_dir(target.rpartition("/")[0], recursive=True)
+            return action(target)
+
+    def remove(self, path: str = "") -> None:
+        """Remove a file; without one, all files."""
+        with plain_errors():
+            if path:
+                self._files.delete_file(f"{self._base}/{path}")
+            else:
+                self._files.delete_dir(self._base)
 
 
 @contextmanager
@@ -254,13 +299,6 @@ def refuse_url(*places: Any) -> None:
 
 def _url_refused(url: str) -> UsageError:
     return UsageError(f"{printable(hidden(url))}: found a URL, expected a path on this machine")
-
-
-def reason(error: BaseException) -> str:
-    """What an error says, in one line without credentials."""
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    line = hidden((text.splitlines() or [""])[0])  # hides credentials before the line is cut
-    return (printable(line) or type(error).__name__)[:300]
 
 
 def _file_system(url: str) -> tuple[Any, str]:

@@ -16,6 +16,7 @@ from ibdata.cli._options import (
     allow_code_option,
     configs,
     folder_argument,
+    place_argument,
     progress_option,
     seed_option,
     set_option,
@@ -176,9 +177,9 @@ def _only_one(argument: str | None, option: str | None) -> str:
 
 
 @click.command("finalize")
-@folder_argument
+@place_argument
 @prints_result
-def finalize_command(folder: Path) -> Printed:
+def finalize_command(folder: Path | str) -> Printed:
     """Complete a dataset whose parts were made by `ibdata generate --shards`.
 
     Every shard is checked first. If some are missing, the error names them and the command that makes them.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ibdata._numerics.naming import counted, within
-from ibdata.cli._options import LOCAL, place_argument, selects, split_option
+from ibdata.cli._options import Place, place_argument, selects, split_option
 from ibdata.cli._printing import MAX_LINES, Printed, Result, contents, prints_result
 from ibdata.dataset.tabular import Table, as_text, pairs, transposed
 from ibdata.errors import notice
@@ -23,18 +23,19 @@ SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mea
 
 
 @click.command("ls")
-@click.argument("folder", metavar="[FOLDER]", default=".", type=LOCAL)
+@click.argument("folder", metavar="[DIR|URL]", default=".", type=Place())
 @prints_result
-def ls_command(folder: Path) -> Result:
-    """List the datasets in a folder and in the folders below it.
+def ls_command(folder: Path | str) -> Result:
+    """List the datasets in a folder or at a URL, and in the folders below it.
 
-    FOLDER is the current folder by default. By its manifest, a dataset is finished or damaged; ibdata
-    validate checks all files. An unfinished one is shown with the hidden folder of its run: the same command
-    goes on with it, and removing the folder drops it.
+    The current folder is the default. By its manifest, a dataset is finished or damaged; ibdata validate
+    checks all files. An unfinished one is shown with the hidden folder of its run: the same command goes on
+    with it, and removing the folder drops it.
 
     \b
     ibdata ls
     ibdata ls data/siemens-offline
+    ibdata ls s3://bucket/prefix
     """
     from ibdata.tools.listing import datasets_in
 

@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from ibdata._system.configs import shipped
-from ibdata._system.files import MOST_SEALED, plain_bytes
-from ibdata._system.part import DATASET, Part, note_of, resolved
-from ibdata._system.storage import Storage, in_data, local, reason, storage
+from ibdata._system.runs import Run, note_of, runs_at
+from ibdata._system.storage import Storage, in_data, local, storage
 from ibdata.dataset.models import Manifest, parse
-from ibdata.errors import OUT, DatasetError, UsageError, nearest, printable
+from ibdata.errors import OUT, DatasetError, IbdataError, UsageError, nearest, printable, reason
 
 PATH = "meta/manifest.json"
 EXPERIMENT = "meta/experiment.yaml"
@@ -59,21 +58,21 @@ def read(place: Any) -> Manifest:
 
 def _remedy(files: Storage) -> str:
     """What may have been meant: a dataset in data/, around or beside the place, or one to be made."""
-    if files.url is not None:
+    below = Path(files.name) if files.url else in_data(Path(files.name)) or Path(files.name)
+    for place in [files] if files.url else [files, Storage(below)]:
+        with suppress(OSError, IbdataError):  # not ours to read, or no name that the system knows
+            for run in runs_at(place):
+                if is_unfinished(run, place):
+                    is_of_this = note_of(run).get("data_version") == DATA_VERSION
+                    goes_on = ", and the same command goes on" if is_of_this else ""
+                    done, shards = progress(run)
+                    return f"; an unfinished run has {done} of {shards} shards here{goes_on}"
+    if files.url:
         return ""
     folder = Path(files.name)
-    below = in_data(folder) or folder
-    for place in (files.path, below):
-        part = Part(resolved(place))
-        with suppress(OSError):  # not ours to read, or no name that the system knows
-            if is_unfinished(part):
-                done, shards = progress(part)
-                is_of_this = note_of(part.run).get("data_version") == DATA_VERSION
-                goes_on = ", and the same command goes on" if is_of_this else ""
-                return f"; an unfinished run has {done} of {shards} shards here{goes_on}"
-    for place in (below, *folder.parents):
-        if os.path.isfile(local(place) / PATH):
-            return f"; did you mean {str(place)!r}?"
+    for near in (below, *folder.parents):
+        if os.path.isfile(local(near) / PATH):
+            return f"; did you mean {str(near)!r}?"
     name = folder.as_posix().removeprefix("data/")
     if name in shipped():
         return f"; ibdata generate --config {name} makes data/{name}"
@@ -85,8 +84,8 @@ def _remedy(files: Storage) -> str:
     with suppress(OSError, ValueError):
         for base in (folder.parent, folder.parent / "data", Path("data")):
             folders |= {path.parents[1].name: path.parents[1] for path in base.glob(f"*/{PATH}")}
-    near = nearest(folder.name, folders)
-    return "" if near is None else f"; did you mean {str(folders[near])!r}?"
+    known = nearest(folder.name, folders)
+    return "" if known is None else f"; did you mean {str(folders[known])!r}?"
 
 
 def _parsed(data: bytes) -> Manifest:
@@ -137,30 +136,31 @@ def refuse_partition(parts: Iterable[str], out: str | os.PathLike[str]) -> None:
         )
 
 
-def is_unfinished(part: Part) -> bool:
-    """Whether a part has finished shards with which somebody may go on.
+def is_unfinished(run: Run, files: Storage) -> bool:
+    """Whether a run at a place has finished shards with which somebody may go on.
 
     Nobody goes on with a run in which an object of a Python session acts, or with one that was published.
     """
-    note, made = note_of(part.run), part.run / DATASET
-    if not part.receipts or note.get("live"):
+    note = note_of(run)
+    if not run.receipts() or note.get("live"):
         return False
     if (noted := note.get("manifest")) is None:
         return True
-    replaced = checksum_in(made)  # by the exchange, if it is another one
-    return made.exists() and checksum_in(part.target) != noted and replaced in (None, noted)
+    if (made := run.dataset()) is None or checksum_in(files) == noted:
+        return False
+    return checksum_in(made) in (None, noted)  # else it was replaced, by the exchange
 
 
-def progress(part: Part) -> tuple[int, int | str]:
-    """How many shards of the run in a part are finished, and how many it has, or "?"."""
-    shards = note_of(part.run).get("shards")
-    return len(part.receipts), shards if isinstance(shards, int) else "?"
+def progress(run: Run) -> tuple[int, int | str]:
+    """How many shards of a run are finished, and how many it has, or "?"."""
+    shards = note_of(run).get("shards")
+    return len(run.receipts()), shards if isinstance(shards, int) else "?"
 
 
-def checksum_in(folder: Path) -> str | None:
-    """The checksum of the manifest in a folder; None if there is none that can be read."""
+def checksum_in(files: Storage) -> str | None:
+    """The checksum of the manifest at a place; None if there is none that can be read."""
     with suppress(OSError, ValueError):
-        return _parsed(plain_bytes(folder / PATH, MOST_SEALED)).checksum
+        return _parsed(files.read(PATH)).checksum
     return None
 
 

@@ -9,8 +9,8 @@ from itertools import accumulate
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata._system.storage import Storage, reason
-from ibdata.errors import DatasetError, printable
+from ibdata._system.storage import Storage
+from ibdata.errors import DatasetError, printable, reason
 
 Names = Sequence[str] | Mapping[str, str]
 READ_ERRORS = (OSError, ValueError, KeyError, IndexError, pa.ArrowException)

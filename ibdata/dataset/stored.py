@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from ibdata._system.storage import Storage, reason, storage
+from ibdata._system.storage import Storage, storage
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.models import (
     Info,
@@ -27,7 +27,7 @@ from ibdata.dataset.models import (
     parse,
 )
 from ibdata.dataset.splits import refuse_misfits
-from ibdata.errors import BusyError, DatasetError, UsageError, excerpt
+from ibdata.errors import BusyError, DatasetError, UsageError, excerpt, reason
 
 Mask = npt.NDArray[np.bool_]  # whether each episode of a dataset is one of some
 Runs = list[tuple[int, int]]

@@ -18,7 +18,6 @@ from ibdata.experiment.columns import layout
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.build import Build
 from ibdata.generation.generate import places_of
-from ibdata.generation.upload import refuse_overwrite
 
 COMPRESSED = (
     0.65  # of the bytes of the numbers; for random and safe actions, much less for actions that repeat
@@ -75,7 +74,7 @@ def estimate(
 
     Returns:
         name, out, episodes, rows, shards, bytes (estimated), and `action`: what `generate` would do with what
-        is at `out`; a URL is not looked at. Of a folder of experiments, the sums, and `experiments`, a list
+        is at `out`. Of a folder of experiments, the sums, and `experiments`, a list
         of such dicts.
 
     Raises:
@@ -108,9 +107,6 @@ def _estimate(spec: DatasetSpec, place: Path | str, overwrite: bool) -> Estimate
 
 
 def _action(spec: DatasetSpec, place: Path | str, overwrite: bool) -> str:
-    if isinstance(place, str):
-        refuse_overwrite(place, overwrite)
-        return "make it here and upload it"
     build = Build(place, spec, overwrite=overwrite)
     if build.is_there():
         return "open the finished dataset"

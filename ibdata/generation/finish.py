@@ -1,4 +1,4 @@
-"""Finishing a dataset: write its card, its metadata and, last, the manifest.
+"""Finishing a dataset: its card, its metadata and, last, the manifest.
 
 What a manifest lists must follow from its experiments; `plan_problems` checks that.
 """
@@ -11,14 +11,13 @@ import math
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata._system.files import FileEntry, write_new
+from ibdata._system.files import FileEntry, entry_of
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.models import Code, File, Manifest, ShardEntry
@@ -40,17 +39,15 @@ UNSEALED = "0" * 64  # stands for the checksum until all else is known
 def finish(
     spec: DatasetSpec,
     written: list[WrittenShard],
-    folder: Path,
     reproducible: bool,
     code: Sequence[Code] = (),
     clipped: int | None = None,
-) -> None:
-    """Write all files of a dataset other than its shards. They are on the disk once it is published.
+) -> Iterator[tuple[str, bytes]]:
+    """The paths and contents of all files of a dataset other than its shards, the manifest last.
 
     Args:
         spec: The experiments and splits of the dataset.
         written: The shards that were written, in order.
-        folder: The folder of the dataset, which nobody reads yet.
         reproducible: Whether the machine computes the same bits as all others.
         code: The code of the custom policies.
         clipped: The number of clipped actions; by default the sum over the shards.
@@ -60,12 +57,15 @@ def finish(
     files = [w.entry for w in written]
     entries = files.copy()
     for path, make in metadata_files(spec, written, episodes).items():
-        entries.append(write_new(folder, path, make(), waits=False))
+        data = make()
+        entries.append(entry_of(path, data))
+        yield path, data
     paths = [file.path for file in files]
     described = croissant(spec, paths, entries, root)
-    entries.append(write_new(folder, manifest.CROISSANT, described, waits=False))
-    write_new(folder, manifest.SPLITS, metadata.splits_file(spec), waits=False)
-    write_new(folder, manifest.CARD, card(spec, files, root, episodes), waits=False)
+    entries.append(entry_of(manifest.CROISSANT, described))
+    yield manifest.CROISSANT, described
+    yield manifest.SPLITS, metadata.splits_file(spec)
+    yield manifest.CARD, card(spec, files, root, episodes)
     listed = manifest.sealed(
         Manifest(
             format=manifest.FORMAT,
@@ -87,7 +87,7 @@ def finish(
             checksum=UNSEALED,
         )
     )
-    write_new(folder, manifest.PATH, metadata.as_json(listed), waits=False)
+    yield manifest.PATH, metadata.as_json(listed)
 
 
 def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:

@@ -1,8 +1,8 @@
 """Generating datasets: of an experiment, of each experiment in a folder, or a part of one.
 
-Several hosts can make a range of the shards each in one part, then one host finalizes it. Ranges share the
-lock of the part, which keeps out a run that needs it alone. Ranges that have shards in common make these
-twice, without harm: each file has a name of its own, and the last receipt counts.
+Several hosts can make a range of the shards each in one part, then one host finalizes it. In a folder, ranges
+share the lock of the part, which keeps out a run that needs it alone. Ranges that have shards in common make
+these twice, without harm: both make the same file.
 """
 
 from __future__ import annotations
@@ -15,19 +15,17 @@ from typing import Any, NamedTuple
 
 from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import counted
-from ibdata._system.part import existing_paths, resolved, tidy
 from ibdata._system.progress import Progress
-from ibdata._system.storage import Remote, is_url, local, refuse_url, url_of
+from ibdata._system.storage import is_url, local, url_of
 from ibdata.dataset.dataset import Dataset
-from ibdata.errors import OUT, OVERWRITE, SHARDS, UsageError, notice
+from ibdata.errors import OUT, OVERWRITE, SHARDS, UsageError, hidden, notice
 from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.generation import upload
-from ibdata.generation.build import Build, clear_useless, refuse_damage, refuse_name, size_in
+from ibdata.generation.build import Build, refuse_damage
+from ibdata.generation.places import place_at, refuse_name
 from ibdata.generation.process import Process, process_for
 from ibdata.generation.record import observe
-from ibdata.generation.shard import is_whole
 from ibdata.generation.workers import Engine, select_engine
 
 MAX_PARTS = 100_000
@@ -57,16 +55,17 @@ def generate(
         config: A YAML file, the name of a shipped experiment, a mapping with the keys of such a file, an
             Experiment, or a folder of YAML files, all of which are checked before the first is made.
         out: The folder of the dataset, by default data/<name>, or data/<path> of a shipped experiment; the
-            datasets of a folder go to out/<file>. If it is a URL, such as s3://bucket/name, the dataset is
-            made on this machine, then uploaded.
+            datasets of a folder go to out/<file>. If it is a URL, such as s3://bucket/name, each shard goes
+            there as soon as it is made.
         shards: "i/n" makes only one of n parts of the files, with i from 1 to n. Any number of hosts that
-            share the folder may make parts at the same time; then `finalize` completes the dataset.
+            share the folder or the URL may make parts at the same time; then `finalize` completes the
+            dataset.
         workers: How many processes to use; by default chosen by the work.
         seed: Replaces the experiment's seed.
         overrides: Replace single values of the experiment: texts `key.sub=value`, or a mapping such as
             {"episodes": 10, "output.shard_rows": 1000}.
-        overwrite: Replace a dataset, which stays complete until the new one is. An unfinished run of another
-            experiment, or of other code, is dropped at once.
+        overwrite: Replace a dataset in a folder, which stays complete until the new one is. An unfinished run
+            of another experiment, or of other code, is dropped at once.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
         allow_code: Allow custom policies, which run arbitrary Python code. Use only with code you trust. They
             give the same bits only in the same environment, and a run goes on only with the same code.
@@ -83,7 +82,7 @@ def generate(
         BusyError: Another process writes to the folder.
         IbdataError: The system refuses to write, or a worker fails.
     """
-    run = select_engine(engine, workers, address)
+    chosen = select_engine(engine, workers, address)
     shard_range = None if shards is None else Range.parse(shards)
     folder, files, experiments = load_all(config, overrides, seed)
     specs = [DatasetSpec.of(experiment) for experiment in experiments]
@@ -95,13 +94,13 @@ def generate(
         if folder or overwrite:
             problem = "a folder of experiments" if folder else OVERWRITE
             raise UsageError(f"{SHARDS}: found {problem} too, but these cannot be combined")
-        return make_range(shard_range, specs[0], places[0], run, Progress(progress))
+        return make_range(shard_range, specs[0], places[0], chosen, Progress(progress))
     if not folder:
-        return _generate_one(specs[0], places[0], run, overwrite, Progress(progress))
+        return _generate_one(specs[0], places[0], chosen, overwrite, Progress(progress))
     for spec, place in zip(specs, places, strict=True):
         Build(place, spec, overwrite=overwrite).look()
     return {
-        Path(place).name: _generate_one(spec, place, run, overwrite, Progress(progress))
+        Path(place).name: _generate_one(spec, place, chosen, overwrite, Progress(progress))
         for spec, place in zip(specs, places, strict=True)
     }
 
@@ -134,18 +133,9 @@ def places_of(
 def _generate_one(
     spec: DatasetSpec, place: Path | str, engine: Engine, overwrite: bool, progress: Progress
 ) -> Dataset:
-    if isinstance(place, str):
-        remote, work = Remote(place), upload.work_folder(place)
-        if not upload.is_there(remote, spec, work, overwrite):
-            upload.drop_damaged(work, remote.name)
-            build = Build(work, spec, name=remote.name, replaces=None)
-            if not build.look():
-                _make(build, engine, progress)
-            upload.upload(remote, work)
-        return Dataset(place)
     build = Build(place, spec, overwrite=overwrite)
     if build.look():
-        notice(f"{place}: already there; nothing was written")
+        notice(f"{build.name}: already there; nothing was written")
     else:
         _make(build, engine, progress)
     return Dataset(place)
@@ -198,9 +188,9 @@ class Range(NamedTuple):
 
 
 class PartMade(NamedTuple):
-    """A finished range: the dataset's folder, shards and rows, how many shards are missing, and the range."""
+    """A finished range: the dataset's place, shards and rows, how many shards are missing, and the range."""
 
-    folder: Path
+    folder: Path | str
     shards: int
     rows: int
     missing: int
@@ -233,8 +223,6 @@ def make_range(
 
     Finished shards are not made again, so the same call continues a part that was stopped.
     """
-    if isinstance(place, str):
-        raise UsageError(f"{place}: found a URL with {SHARDS}, expected a folder that all hosts share")
     shards, missing = shard_range.of(spec.shards), 0
     build = Build(place, spec, replaces=f"{OVERWRITE} without {SHARDS}")
     if not build.look():
@@ -243,7 +231,8 @@ def make_range(
             with build.open(record, shared=True):
                 _make_shards(build, shards, process, engine, progress)
                 missing = len(spec.shards) - build.finished
-    return PartMade(place, len(shards), spec.rows_in(shards), missing, str(shard_range))
+    shown = hidden(place) if isinstance(place, str) else place
+    return PartMade(shown, len(shards), spec.rows_in(shards), missing, str(shard_range))
 
 
 @public
@@ -253,25 +242,26 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     No code of a policy is imported, because its hashes were noted when the run began.
 
     Args:
-        folder: The folder of the dataset. A finished dataset is only opened.
+        folder: The folder of the dataset, or its URL. A finished dataset is only opened.
 
     Raises:
         IbdataError: Shards are missing or are not what their receipts say.
         UsageError: No run was begun here.
         BusyError: Parts are still being made.
     """
-    refuse_url(folder)
-    place = Path(folder)
-    tidy(place, clear_useless)
-    if not existing_paths(resolved(place)):
-        begun = Build.begun(place)
+    place = place_at(folder)
+    place.tidy()
+    place.refuse(overwrite=False)
+    if place.found() is None:
+        begun = Build.begun(folder)
         if begun is None:
             raise UsageError(
-                f"{place}: holds no finished shard; make all parts with ibdata generate --shards i/n"
+                f"{place.name}: holds no finished shard; make all parts with ibdata generate --shards i/n"
             )
         build, record = begun
         with build.open(record):
-            build.publish(is_whole)
-    dataset = Dataset(place)
-    refuse_damage(dataset.stored.manifest, partial(size_in, dataset.path), str(place))
+            build.publish(closely=True)
+    dataset = Dataset(folder)
+    place.found()
+    refuse_damage(dataset.stored.manifest, place, place.name)
     return dataset

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple, Protocol
 
 from ibdata._system import processes
 from ibdata._system.pipes import Connection, start
+from ibdata._system.runs import Run
 from ibdata._system.signals import held, leave_to_parent
 from ibdata.errors import WORKERS, IbdataError, notice
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -87,7 +88,7 @@ class WorkerTask(NamedTuple):
 
     spec: DatasetSpec
     folder: Path  # the current one
-    root: Path | None  # the folder of the run, with whose record the worker is compared
+    run: Run | None  # with whose record the worker is compared
 
 
 class Question(NamedTuple):
@@ -112,12 +113,12 @@ class Failure(NamedTuple):
 
 
 class Worker:
-    """A process of its own, which is compared with the record of the run in a folder if there is one."""
+    """A process of its own, which is compared with the record of a run if there is one."""
 
-    def __init__(self, spec: DatasetSpec, folder: Path, root: Path | None = None) -> None:
+    def __init__(self, spec: DatasetSpec, folder: Path, run: Run | None = None) -> None:
         self.spec, self.folder = spec, folder
         self._machine_code = TemporaryDirectory(prefix="ibdata-", ignore_cleanup_errors=True)
-        self._waiting: list[Any] = [WorkerTask(spec, folder, root)]
+        self._waiting: list[Any] = [WorkerTask(spec, folder, run)]
         self._pipe, theirs = Pipe()
         path = [folder for folder in sys.path if folder]
         arguments = [sys.executable, "-c", BEGIN, str(theirs.fileno()), *path]
@@ -178,14 +179,14 @@ def _work(task: WorkerTask, questions: SimpleQueue[Question], pipe: Connection) 
     from ibdata.generation.record import agree
 
     os.chdir(task.folder)  # a policy may have changed the parent's current folder
-    here, root = Here(task.spec, task.folder), task.root
+    here, run = Here(task.spec, task.folder), task.run
     while True:
         function, arguments, shows_progress = questions.get()
         progress = (lambda rows: pipe.send(Rows(rows))) if shows_progress else None
         try:
-            if root is not None:
-                here.call(agree, root)
-                root = None
+            if run is not None:
+                here.call(agree, run)
+                run = None
             answer = here.call(function, *arguments, progress=progress)
         except Exception as error:
             answer = Failure(error, format_exc())

@@ -1,4 +1,4 @@
-"""The Ray engine: shards are tasks of Ray, on this machine or on hosts that share a file system."""
+"""The Ray engine: shards are tasks of Ray, on this machine or on hosts that share a folder or a store."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from tempfile import gettempdir
 from typing import Any, cast
 
 from ibdata._system import processes
 from ibdata._system.progress import unseen
+from ibdata._system.runs import Run
 from ibdata._system.signals import STOPPING, check
 from ibdata.errors import IbdataError, missing
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
@@ -36,14 +37,14 @@ def library() -> Any:
     return ray
 
 
-def run(
+def make_shards(
     process: Process,
     shards: list[Shard],
-    root: Path,
+    run: Run,
     workers: int | None = None,
     address: str | None = None,
 ) -> Iterator[int]:
-    """Make shards, and yield the number of each when it and its receipt are on the disk, in any order.
+    """Make shards, and yield the number of each when it and its receipt are kept, in any order.
 
     The shards run on the Ray to which this process is connected, else on the one at `address` or
     $RAY_ADDRESS, else on one that is started here and stopped afterwards. There are at most `workers`
@@ -53,8 +54,8 @@ def run(
     """
     ray = library()
     with _connected(ray, workers, address) as is_started:
-        work = ray.remote(max_retries=MAX_DEATHS, **_own_workers(process.spec, root))(_work)
-        task = ray.put(WorkerTask(process.spec, process.folder, root))
+        work = ray.remote(max_retries=MAX_DEATHS, **_own_workers(process.spec))(_work)
+        task = ray.put(WorkerTask(process.spec, process.folder, run))
         most = 2 * (workers or max(1, int(ray.cluster_resources().get("CPU", 1))))
         waiting = iter(shards)
         running: dict[Any, Shard] = {}
@@ -92,32 +93,27 @@ def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
         ) from None
 
 
-def _own_workers(spec: DatasetSpec, root: Path) -> dict[str, Any]:
+def _own_workers(spec: DatasetSpec) -> dict[str, Any]:
     """Options that give a run with custom code workers that have imported none: those of an environment."""
     if not spec.user_objects:
         return {}
-    machine_code = str(root / f"numba-{secrets.token_hex(4)}")
+    machine_code = os.path.join(gettempdir(), f"ibdata-{secrets.token_hex(8)}")  # of its host
     return {"runtime_env": {"env_vars": {"NUMBA_CACHE_DIR": machine_code}}}
 
 
-# This worker, by the folder of a run and its experiments; its record was compared with that of the run.
-_known: dict[tuple[Path, str], Here] = {}
+# This worker, by the place of a run and its experiments; its record was compared with that of the run.
+_known: dict[tuple[str, str], Here] = {}
 
 
 def _work(task: WorkerTask, shard: Shard) -> None:
     """Make a shard in a worker."""
-    root = cast(Path, task.root)
-    if not os.path.isdir(root):
-        raise IbdataError(
-            f"{root.parents[1]}: not found on a host of Ray, expected a folder that all hosts share"
-        )
-    processes.purpose = "worker"
-    run = root, json.dumps(task.spec.plain(), sort_keys=True)
-    if run not in _known:
+    processes.purpose, run = "worker", cast("Run", task.run)
+    known = run.name, json.dumps(task.spec.plain(), sort_keys=True)
+    if known not in _known:
         here = Here(task.spec, task.folder)
-        here.call(agree, root)
-        _known[run] = here
-    _known[run].call(make_shard, shard, root, True, None, progress=unseen)
+        here.call(agree, run)
+        _known[known] = here
+    _known[known].call(make_shard, shard, run, True, None, progress=unseen)
 
 
 @contextmanager

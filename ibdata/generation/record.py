@@ -1,6 +1,6 @@
 """The record of a run: hashes of its policies' code, and of the bits that its machine computes.
 
-It is noted in the folder of the run before the first shard. Whoever makes a shard must have the same record:
+It is noted in the run before the first shard. Whoever makes a shard must have the same record:
 a process that goes on with the run, a worker, a range of an array job.
 """
 
@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import sys
 from base64 import b64decode, b64encode
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -17,8 +16,8 @@ from pydantic import Field
 
 from ibdata._simulation.carry import begin
 from ibdata._simulation.unroll import unroll
-from ibdata._system.files import sealed, write
-from ibdata._system.part import NOTE, note_of
+from ibdata._system.part import NOTE
+from ibdata._system.runs import Run, note_of
 from ibdata._system.signals import check
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, parse
@@ -78,16 +77,16 @@ class Record(JsonObject):
         )
 
     @classmethod
-    def read(cls, run: Path) -> Record | None:
+    def read(cls, run: Run) -> Record | None:
         """The record in the note of a run; None if it is damaged, or another ibdata's."""
         try:
             return parse(cls, note_of(run))
         except ValueError:
             return None
 
-    def write(self, run: Path) -> None:
-        """Note the record in the folder of a run."""
-        write(run, NOTE, sealed(as_json(self)))
+    def write(self, run: Run) -> None:
+        """Note the record of a run."""
+        run.write(NOTE, as_json(self))
 
     def dataset_spec(self) -> DatasetSpec:
         """The specification of what the run makes. Raises DatasetError if another ibdata began the run."""
@@ -149,12 +148,12 @@ def _code(spec: DatasetSpec) -> list[Code]:
     return record(policies)
 
 
-def agree(spec: DatasetSpec, root: Path) -> None:
-    """Raise UsageError if the record of this worker is not that of the run in a folder.
+def agree(spec: DatasetSpec, run: Run) -> None:
+    """Raise UsageError if the record of this worker is not that of the run.
 
     Without a note, as in `repair`, which compares the shards themselves, nothing is compared.
     """
-    begun = Record.read(root)
+    begun = Record.read(run)
     if begun is None:
         return
     if names := changed(begun.code, _code(spec)):

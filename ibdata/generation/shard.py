@@ -1,4 +1,4 @@
-"""Writing a shard: its file, a summary of its rows, and in the part of a run its receipt.
+"""Writing a shard in a run: its file, a summary of its rows, and its receipt.
 
 A run goes on from the receipts of the shards that are finished, and makes the metadata from them. A receipt
 holds the entry of the shard's file and the summary: arrays, one after the other.
@@ -10,7 +10,6 @@ import hashlib
 import io
 import json
 import re
-import secrets
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -24,8 +23,9 @@ import numpy.typing as npt
 import pyarrow.parquet as pq
 
 from ibdata._simulation.episodes import Table
-from ibdata._system.files import FileEntry, file_sha256, new_file, read_sealed, rename, sealed, write_new
-from ibdata._system.part import DATASET, RECEIPTS
+from ibdata._system.files import FileEntry, HashingFile
+from ibdata._system.part import RECEIPTS
+from ibdata._system.runs import Run
 from ibdata._system.signals import held
 from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
@@ -34,6 +34,7 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.pieces import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
 
 WAITING = 2  # pieces that may be in progress
+AT_ONCE = 16  # receipts that are read
 MOST = 8  # numbers of shards in a message
 
 
@@ -95,17 +96,15 @@ def content_of(digests: list[bytes]) -> str:
 
 
 def write_shard(
-    spec: DatasetSpec, shard: Shard, pieces: Iterable[Piece], folder: Path, overlap: bool = True
+    spec: DatasetSpec, shard: Shard, pieces: Iterable[Piece], run: Run, overlap: bool = True
 ) -> WrittenShard:
-    """Write a shard of a dataset to a new file in its folder; an error leaves nothing behind.
-
-    The name of the file ends in random digits, so that a late reader never takes it for an older one.
+    """Write a shard of a dataset in a run; an error leaves nothing behind.
 
     Args:
         spec: The experiments and splits of the dataset.
         shard: The shard.
         pieces: Its pieces, in order.
-        folder: The folder of the dataset.
+        run: The run.
         overlap: Whether a piece is encoded and summarized in threads while the next one is made. Both release
             Python's lock.
 
@@ -113,27 +112,25 @@ def write_shard(
         IbdataError: A value is not finite.
         OSError: The file could not be written.
     """
-    path = f"{shard.stem}-{secrets.token_hex(4)}.parquet"
     described = columns(spec.experiments[shard.experiment])
     summarizer = ShardSummarizer(spec, shard)
-    with (
-        new_file(folder / path) as file,
-        pq.ParquetWriter(file, arrow_schema(described), **writer_options(described)) as parquet,
-    ):
 
-        def encode(piece: Piece) -> None:  # no row group holds rows of two pieces, so nothing is copied
-            parquet.write_table(piece.arrow_table(), row_group_size=ROW_GROUP_ROWS)
+    def write(file: HashingFile) -> ShardSummary:
+        with pq.ParquetWriter(file, arrow_schema(described), **writer_options(described)) as parquet:
 
-        if overlap:
-            _in_threads(pieces, encode, summarizer.add)
-        else:
-            for piece in pieces:
-                encode(piece)
-                summarizer.add(piece)
-                del piece  # so that it is not in memory beside the next
-        summary = summarizer.summary()
-        parquet.close()
-    return WrittenShard(shard, FileEntry(path, file.size, file.sha256()), summary)
+            def encode(piece: Piece) -> None:  # no row group holds rows of two pieces, so nothing is copied
+                parquet.write_table(piece.arrow_table(), row_group_size=ROW_GROUP_ROWS)
+
+            if overlap:
+                _in_threads(pieces, encode, summarizer.add)
+            else:
+                for piece in pieces:
+                    encode(piece)
+                    summarizer.add(piece)
+                    del piece  # so that it is not in memory beside the next
+        return summarizer.summary()
+
+    return WrittenShard(shard, *run.add(shard.stem, write))
 
 
 def _in_threads(pieces: Iterable[Piece], *tasks: Callable[[Piece], object]) -> None:
@@ -154,8 +151,8 @@ def _in_threads(pieces: Iterable[Piece], *tasks: Callable[[Piece], object]) -> N
             future.result()
 
 
-def write_receipt(root: Path, written: WrittenShard) -> None:
-    """Write the receipt of a shard, whose file is on the disk, in the folder of a run."""
+def write_receipt(run: Run, written: WrittenShard) -> None:
+    """Write the receipt of a shard, whose file is in the run."""
     summary = written.content
     known = {"file": list(written.entry), "rows": summary.moments.rows, "clipped": summary.clipped}
     arrays: list[npt.NDArray[Any]] = [
@@ -168,17 +165,14 @@ def write_receipt(root: Path, written: WrittenShard) -> None:
     buffer = io.BytesIO()
     for array in arrays:
         np.save(buffer, array)
-    path = _receipt_path(root, written.shard)
-    path.parent.mkdir(exist_ok=True)
-    temporary = root / f".tmp-{secrets.token_hex(6)}-{path.name}"  # hosts may have equal process ids
-    write_new(root, temporary.name, sealed(buffer.getvalue()))
-    rename(temporary, path)
+    run.write(_receipt_path(written.shard), buffer.getvalue())
 
 
-def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
-    """Read the receipt of a shard in the folder of a run; None if there is none that is as it was written."""
+def read_receipt(run: Run, shard: Shard) -> WrittenShard | None:
+    """Read the receipt of a shard of a run; None if there is none that is as it was written."""
+    lost: tuple[type[Exception], ...] = (*run.lost, ValueError, TypeError, LookupError, EOFError)
     try:
-        file = io.BytesIO(read_sealed(_receipt_path(root, shard)))
+        file = io.BytesIO(run.read(_receipt_path(shard)))
         header, digests, returns, *arrays, sample = (np.load(file) for _ in range(9))
         known = json.loads(header.tobytes())
         entry = FileEntry(*known["file"])
@@ -186,39 +180,35 @@ def read_receipt(root: Path, shard: Shard) -> WrittenShard | None:
             return None  # that of another shard
         moments = Moments(known["rows"], *arrays)
         summary = ShardSummary(list(map(bytes, digests)), returns, moments, sample, known["clipped"])
-    except (OSError, ValueError, TypeError, LookupError, EOFError):  # somebody else's, too
+    except lost:  # somebody else's, too
         return None
     return WrittenShard(shard, entry, summary)
 
 
-def _receipt_path(root: Path, shard: Shard) -> Path:
-    return root / RECEIPTS / f"{shard.number:05d}.npy"
+def _receipt_path(shard: Shard) -> str:
+    return f"{RECEIPTS}/{shard.number:05d}.npy"
 
 
-def is_whole(root: Path, written: WrittenShard) -> bool:
-    """Whether the file of a shard is the one that its receipt says."""
-    return file_sha256(root / DATASET / written.entry.path) == written.entry.sha256
+def finished_shards(run: Run, shards: Sequence[Shard], closely: bool = False) -> list[WrittenShard]:
+    """These shards, as far as their receipts are there and fit their files, `closely`, or their sizes."""
+    receipts = {f"{RECEIPTS}/{name}" for name in run.receipts()}
 
+    def read(shard: Shard) -> WrittenShard | None:
+        written = read_receipt(run, shard) if _receipt_path(shard) in receipts else None
+        return written if written is not None and run.has(written.entry, closely) else None
 
-def has_size(root: Path, written: WrittenShard) -> bool:
-    """Whether the file of a shard has the size that its receipt says; of one that was just written."""
-    path = root / DATASET / written.entry.path
-    return path.is_file() and path.stat().st_size == written.entry.bytes
+    with ThreadPoolExecutor(AT_ONCE) as threads:
+        return [written for written in threads.map(read, shards) if written is not None]
 
 
 def all_written(
-    root: Path,
-    shards: Sequence[Shard],
-    place: str | Path,
-    remedy: str,
-    is_right: Callable[[Path, WrittenShard], bool] = has_size,
+    run: Run, shards: Sequence[Shard], place: str | Path, remedy: str, closely: bool = False
 ) -> list[WrittenShard]:
-    """All these shards, from their receipts in the folder of a run.
+    """All these shards, from their receipts in a run.
 
     Raises IbdataError if the receipt of one cannot be read, or does not fit its file.
     """
-    receipts = [read_receipt(root, shard) for shard in shards]
-    whole = [written for written in receipts if written is not None and is_right(root, written)]
+    whole = finished_shards(run, shards, closely)
     if len(whole) < len(shards):
         known = {written.shard.number for written in whole}
         lost = [str(shard.number) for shard in shards if shard.number not in known]

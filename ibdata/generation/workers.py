@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
 
-from ibdata._system.part import DATASET
 from ibdata._system.processes import available_processors
+from ibdata._system.runs import Run
 from ibdata._system.signals import check, held
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
@@ -30,9 +29,9 @@ ROWS_WORTH_PROCESSES = 20_000_000
 LOOK = 0.2  # seconds between looks for a signal
 
 Reach = Callable[[int, int], object]  # called with the number of a shard and its rows that are made so far
-# Makes shards in the folder of a run, and yields the number of each that is finished. The process has the
+# Makes shards of a run, and yields the number of each that is finished. The process has the
 # code of the dataset's custom policies.
-Engine = Callable[[Process, list[Shard], Path, Reach], Iterator[int]]
+Engine = Callable[[Process, list[Shard], Run, Reach], Iterator[int]]
 Maker = Callable[[Shard, Progress], None]
 
 
@@ -50,10 +49,10 @@ def select_engine(name: str, workers: int | None, address: str | None) -> Engine
         from ibdata.generation import ray
 
         ray.library()
-        return lambda process, shards, root, reach: ray.run(process, shards, root, workers, address)
+        return lambda process, shards, run, reach: ray.make_shards(process, shards, run, workers, address)
     if address is not None:
         raise UsageError(f"address: found {address!r}, which is only for the engine ray")
-    return lambda process, shards, root, reach: run(process, shards, root, workers, reach)
+    return lambda process, shards, run, reach: make_shards(process, shards, run, workers, reach)
 
 
 def refuse_workers(workers: int | None) -> None:
@@ -92,15 +91,15 @@ def divide(spec: DatasetSpec, shards: list[Shard], workers: int | None) -> Divis
     return Division(processes, threads)
 
 
-def run(
-    process: Process, shards: list[Shard], root: Path, workers: int | None, reach: Reach
+def make_shards(
+    process: Process, shards: list[Shard], run: Run, workers: int | None, reach: Reach
 ) -> Iterator[int]:
-    """Make shards, and yield the number of each when it and its receipt are on the disk, in any order.
+    """Make shards, and yield the number of each when it and its receipt are kept, in any order.
 
     Args:
         process: The process that has the code of the dataset's custom policies. It makes shards too.
         shards: The shards to make.
-        root: The folder of the run.
+        run: The run.
         workers: The number of processes; None chooses it by the work.
         reach: Called after each piece of a shard, perhaps in another thread.
 
@@ -127,17 +126,17 @@ def run(
         if isinstance(process, Worker) or division.processes > 1:
             for i in range(at_once):
                 worker = (
-                    process if isinstance(process, Worker) and i == 0 else Worker(spec, process.folder, root)
+                    process if isinstance(process, Worker) and i == 0 else Worker(spec, process.folder, run)
                 )
                 stack.callback(worker.close)
-                makers.put(_maker(worker, root, division.threads > 1, None))
+                makers.put(_maker(worker, run, division.threads > 1, None))
         else:
             stopped = threading.Event()
             stack.callback(stopped.set)
             few_shards = at_once == 1 or len(shards) < 2 * at_once  # else each thread has enough to do
             overlap = few_shards and available_processors() > 1
             for _ in range(at_once):
-                makers.put(_maker(process, root, overlap, stopped))
+                makers.put(_maker(process, run, overlap, stopped))
         with held():  # a signal's exception while a thread starts would leave it running
             waiting: set[Future[int]] = {pool.submit(make, shard) for shard in shards}
         while waiting:
@@ -147,8 +146,8 @@ def run(
                 yield future.result()
 
 
-def _maker(process: Process, root: Path, overlap: bool, stopped: threading.Event | None) -> Maker:
-    return lambda shard, progress: process.call(make_shard, shard, root, overlap, stopped, progress=progress)
+def _maker(process: Process, run: Run, overlap: bool, stopped: threading.Event | None) -> Maker:
+    return lambda shard, progress: process.call(make_shard, shard, run, overlap, stopped, progress=progress)
 
 
 class Stopped(Exception):
@@ -161,7 +160,7 @@ _of_thread = threading.local()  # what a thread keeps from one shard to the next
 def make_shard(
     spec: DatasetSpec,
     shard: Shard,
-    root: Path,
+    run: Run,
     overlap: bool,
     stopped: threading.Event | None,
     progress: Progress,
@@ -171,7 +170,7 @@ def make_shard(
     Args:
         spec: What the shard belongs to.
         shard: The shard.
-        root: The folder of the run.
+        run: The run.
         overlap: Whether to encode and summarize a piece in threads while the next is simulated.
         stopped: Set by another thread to end the work early, or None.
         progress: Called after each piece.
@@ -192,4 +191,4 @@ def make_shard(
             del piece  # so that it is not in memory beside the next
             progress(rows)
 
-    write_receipt(root, write_shard(spec, shard, pieces(), root / DATASET, overlap))
+    write_receipt(run, write_shard(spec, shard, pieces(), run, overlap))

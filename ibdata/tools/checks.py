@@ -12,11 +12,11 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata._system.progress import Advance, unseen
-from ibdata._system.storage import Storage, reason
+from ibdata._system.storage import Storage
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.statistics import Moments
 from ibdata.dataset.stored import EPISODES, Stored
-from ibdata.errors import DatasetError
+from ibdata.errors import DatasetError, reason
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard, spec_in

@@ -1,4 +1,4 @@
-"""The datasets below a folder, finished or not."""
+"""The datasets below a folder or a URL, finished or not."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ibdata._numerics.naming import counted, exact, size
-from ibdata._system.part import Part
-from ibdata._system.storage import local
+from ibdata._system.part import RUN
+from ibdata._system.runs import FolderRun, Run, runs_at
+from ibdata._system.storage import Remote, Storage, local, url_of
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import DatasetError, IbdataError, UsageError, hidden
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.split_schemes import setpoints
 from ibdata.generation.record import Record
@@ -26,11 +27,11 @@ MOST_NAMES = 3  # of setpoints or policies that are shown
 class Listed(NamedTuple):
     """A dataset, finished or not.
 
-    `state` is finished, "unfinished, n of m shards" or damaged. The path of an unfinished one is the hidden
-    folder of its run. `rows` and `content_root` are None unless the manifest tells them.
+    `state` is finished, "unfinished, n of m shards" or unreadable. The path of an unfinished one is the
+    hidden folder of its run. `rows` and `content_root` are None unless the manifest tells them.
     """
 
-    path: Path
+    path: Path | str
     state: str
     name: str | None
     rows: int | None
@@ -45,7 +46,7 @@ class Listed(NamedTuple):
 
 
 class Listing(Tabular, list[Listed]):
-    """The datasets in a folder and below it."""
+    """The datasets in a folder or at a URL, and below it."""
 
     def __init__(self, folder: str, datasets: Iterable[Listed]) -> None:
         super().__init__(datasets)
@@ -89,15 +90,31 @@ def datasets_in(folder: str | os.PathLike[str]) -> Listing:
     Links to folders are followed, hidden folders are not. No code of a dataset runs.
 
     Args:
-        folder: The folder; it may itself be a dataset.
+        folder: The folder, or a URL; it may itself be a dataset.
 
     Raises:
         UsageError: There is no such folder.
     """
+    if url := url_of(folder):
+        return Listing(hidden(url), _in_store(Remote(url)))
     root = local(folder)
     if not os.path.isdir(root):
         raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")
     return Listing(str(folder), sorted(_listed(root)))
+
+
+def _in_store(files: Remote) -> Iterator[Listed]:
+    """What is at a URL and below it; nothing inside a dataset is looked at."""
+    names = files.names("")
+    if "meta/" in names and files.size(manifest.PATH) is not None:
+        yield _finished(files)
+        return
+    for name in (name.rstrip("/") for name in names if name.endswith("/")):
+        if name.startswith(".") and name.endswith(".part"):
+            place = files.below(name[1:].removesuffix(".part"))
+            yield from (_unfinished(run) for run in runs_at(place) if manifest.is_unfinished(run, place))
+        elif not name.startswith("."):
+            yield from _in_store(files.below(name))
 
 
 def _listed(root: Path) -> Iterator[Listed]:
@@ -106,16 +123,16 @@ def _listed(root: Path) -> Iterator[Listed]:
     for place, below, _ in os.walk(root, followlinks=True):
         for name in below:
             if name.startswith(".") and name.endswith(".part"):
-                part = Part(Path(place, name[1:].removesuffix(".part")))
+                run = FolderRun(Path(place, name, RUN))
                 with suppress(OSError):  # not ours to read
-                    if manifest.is_unfinished(part):
-                        yield _unfinished(part)
+                    if manifest.is_unfinished(run, Storage(Path(place, name[1:].removesuffix(".part")))):
+                        yield _unfinished(run)
         below[:] = [
             name for name in below if not name.startswith(".") and _is_new(root, Path(place, name), seen)
         ]
         if os.path.isfile(os.path.join(place, manifest.PATH)):
             below.clear()
-            yield _finished(Path(place))
+            yield _finished(Storage(place))
 
 
 def _is_new(root: Path, folder: Path, seen: set[str]) -> bool:
@@ -127,30 +144,35 @@ def _is_new(root: Path, folder: Path, seen: set[str]) -> bool:
     return True
 
 
-def _finished(path: Path) -> Listed:
+def _finished(files: Storage) -> Listed:
+    path = files.name if files.url else Path(files.name)
     try:
-        stored = Stored.open(path)
+        stored = Stored.open(files)
         listed = stored.manifest
         total = sum(file.bytes for file in listed.files)
         return _of(path, declared_spec(stored), "finished", listed.rows, listed.content_root, total)
     except IbdataError:
-        return Listed(path, "unreadable", None, None, [], [], _size(path), None)
+        return Listed(path, "unreadable", None, None, [], [], _size(files), None)
 
 
-def _unfinished(part: Part) -> Listed:
-    size = _size(part.run)
+def _unfinished(run: Run) -> Listed:
+    path = Path(run.name) if isinstance(run, FolderRun) else run.name
     with suppress(DatasetError):
-        if record := Record.read(part.run):
-            state = f"unfinished, {len(part.receipts)} of {counted(record.shards, 'shard')}"
-            return _of(part.run, record.dataset_spec(), state, None, None, size)
-    return Listed(part.run, "unfinished, unreadable", None, None, [], [], size, None)
+        if record := Record.read(run):
+            state = f"unfinished, {len(run.receipts())} of {counted(record.shards, 'shard')}"
+            return _of(path, record.dataset_spec(), state, None, None, _size(run.files))
+    return Listed(path, "unfinished, unreadable", None, None, [], [], _size(run.files), None)
 
 
-def _of(path: Path, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int) -> Listed:
+def _of(
+    path: Path | str, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int
+) -> Listed:
     return Listed(path, state, spec.name, rows, setpoints(spec), spec.labels, total, root)
 
 
-def _size(folder: Path) -> int:
+def _size(files: Storage) -> int:
     """The bytes of all files in a folder and below it."""
-    places = (os.path.join(place, name) for place, _, names in os.walk(folder) for name in names)
+    if isinstance(files, Remote):
+        return sum(files.sizes().values())
+    places = (os.path.join(place, name) for place, _, names in os.walk(files.path) for name in names)
     return sum(os.lstat(place).st_size for place in places if os.path.lexists(place))

@@ -10,6 +10,7 @@ from ibdata._numerics.arguments import public
 from ibdata._system.files import FileEntry, keep_access, remove, rename, sync_folder, write
 from ibdata._system.part import DATASET, locked_part, resolved, tidy
 from ibdata._system.progress import Progress
+from ibdata._system.runs import FolderRun
 from ibdata._system.signals import check
 from ibdata._system.storage import local
 from ibdata.dataset import manifest
@@ -24,7 +25,7 @@ from ibdata.generation.finish import NEED_CONTENT, metadata_files, refuse_other_
 from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
 from ibdata.generation.shard import WrittenShard, all_written, content_of
-from ibdata.generation.workers import refuse_workers, run
+from ibdata.generation.workers import make_shards, refuse_workers
 from ibdata.tools.checks import check_shard, splits_problems
 from ibdata.tools.validate import Hashing, card_problems, unlisted_files, validate
 
@@ -143,9 +144,9 @@ class Remaking(NamedTuple):
         (self.root / DATASET).mkdir()
         with process_for(self.spec) as process:
             process.call(_warm_up)
-            for _ in run(process, shards, self.root, self.workers, Progress().reach):
+            for _ in make_shards(process, shards, FolderRun(self.root), self.workers, Progress().reach):
                 pass
-        written = all_written(self.root, shards, folder, "no shard was changed; repair again")
+        written = all_written(FolderRun(self.root), shards, folder, "no shard was changed; repair again")
         for shard in written:
             entry = stored.shard(shard.shard.number)
             if content_of(shard.content.digests) != entry.content:

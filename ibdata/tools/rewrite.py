@@ -11,7 +11,7 @@ from typing import NamedTuple
 import pyarrow as pa
 
 from ibdata._system.files import plain_bytes, write
-from ibdata._system.part import DATASET, locked_part, resolved
+from ibdata._system.part import locked_part, resolved
 from ibdata._system.signals import check
 from ibdata._system.storage import refuse_url
 from ibdata.dataset import manifest
@@ -70,7 +70,7 @@ def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLi
 
 def _copy(build: Build, shard: Shard, source: Source) -> None:
     """Copy a shard's episodes from a source, check that they are those that it lists, and write a receipt."""
-    written = write_shard(build.spec, shard, _pieces(build.spec, shard, source), build.run / DATASET)
+    written = write_shard(build.spec, shard, _pieces(build.spec, shard, source), build.run)
     first, count = source.first + shard.first, shard.stop - shard.first
     if written.content.digests != source.dataset.stored.episodes["digest"].slice(first, count).to_pylist():
         raise _changed(source)

@@ -9,9 +9,8 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from pydantic.fields import FieldInfo
 
 import ibdata
-from ibdata._system.storage import Remote
 from ibdata.dataset import manifest
-from ibdata.errors import IbdataError, UsageError
+from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.policies import base
@@ -105,39 +104,34 @@ def with_option():
 
 
 def made_again():
-    """What a careful user asks for again, by a call each: a dataset, a run, an upload, what `make` keeps."""
+    """What a careful user asks for again, by a call each: a dataset and a run, in a folder and in a store."""
     plain = {key: value for key, value in TINY.plain().items() if key != "licence"}
     url = f"file://{Path('there').absolute()}"
     return {
         "finished": lambda **more: ibdata.generate(plain | more, "finished", workers=1),
         "begun": lambda shards=None, **more: ibdata.generate(plain | more, "begun", workers=1, shards=shards),
         "there": lambda **more: ibdata.generate(plain | more, url, workers=1),
-        "waiting": lambda **more: ibdata.generate(plain | more, url.replace("there", "waiting"), workers=1),
+        "begun there": lambda shards=None, **more: ibdata.generate(
+            plain | more, url.replace("there", "begun-there"), workers=1, shards=shards
+        ),
     }
 
 
 @pytest.fixture
-def four_places(monkeypatch, tmp_path):
-    """A finished dataset, an unfinished run, a dataset at a URL, and one that waits for its upload."""
-    monkeypatch.setenv("IBDATA_CACHE_DIR", str(tmp_path / "cache"))
+def four_places():
+    """A finished dataset and an unfinished run, in folders and at URLs."""
     calls = made_again()
     calls["finished"]()
     calls["there"]()
     calls["begun"](shards="1/2")
-
-    def failing(self, source, path):
-        raise OSError("connection lost")
-
-    with monkeypatch.context() as broken:
-        broken.setattr(Remote, "put", failing)
-        with pytest.raises(IbdataError, match="the same command tries again"):
-            calls["waiting"]()
+    calls["begun there"](shards="1/2")
     return calls
 
 
 def test_a_new_option_with_a_default_changes_nothing_that_is_there(four_places, with_option, capsys):
     """As CONTRIBUTING.md says that an option is added."""
-    kept = {path.name for path in Path(".begun.part/run/dataset/data").iterdir()}
+    runs = [Path(".begun.part/run"), *Path(".begun-there.part").iterdir()]
+    made = {path: path.stat().st_mtime_ns for run in runs for path in run.glob("dataset/data/*")}
     with_option("purpose", str, "research")
     root = four_places["finished"]().content_root
     assert capsys.readouterr().err == "ibdata: finished: already there; nothing was written\n"
@@ -146,11 +140,13 @@ def test_a_new_option_with_a_default_changes_nothing_that_is_there(four_places, 
     Path("finished/meta/dataset.json").unlink()
     ibdata.repair("finished")
     assert ibdata.validate("finished") == []
+    for name in ("begun", "begun there"):  # it goes on with the shards that are there
+        four_places[name](shards="1/2")
+    assert {path: path.stat().st_mtime_ns for run in runs for path in run.glob("dataset/data/*")} == made
     for call in four_places.values():
         assert call().content_root == root
         with pytest.raises(UsageError, match=r"of another experiment .purpose: found .*, expected 'fun'"):
             call(purpose="fun")
-    assert kept <= {path.name for path in Path("begun/data").iterdir()}
 
 
 def test_another_default_makes_another_experiment(four_places, with_option):
@@ -168,8 +164,11 @@ def test_a_default_that_was_none_needs_a_data_version(four_places, with_option, 
     monkeypatch.setattr(manifest, "DATA_VERSION", 4)
     with pytest.raises(UsageError, match=r"^finished: not a dataset .*found data version 3, expected 4"):
         four_places["finished"]()
-    with pytest.raises(UsageError, match=r"^begun: .*another experiment .data version: found 3, expected 4"):
-        four_places["begun"]()
+    for name in ("begun", "begun there"):
+        with pytest.raises(
+            UsageError, match=r"begun.*: .*another experiment .data version: found 3, expecte"
+        ):
+            four_places[name]()
 
 
 def test_objects_are_compared_by_name():

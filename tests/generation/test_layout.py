@@ -26,7 +26,7 @@ def test_the_folder_holds_the_card_the_metadata_and_the_shards(dataset):
     shards = [shard["path"] for shard in dataset.manifest["shards"]]
     assert len(shards) == len(SHARDS)
     for i, path in enumerate(shards):
-        assert re.fullmatch(rf"data/part-{i:05d}-[0-9a-f]{{8}}\.parquet", path)
+        assert re.fullmatch(rf"data/part-{i:05d}-[0-9a-f]{{16}}\.parquet", path)
     assert set(files(dataset.path)) == {"README.md", *shards, *(f"meta/{name}" for name in META)}
 
 

@@ -16,6 +16,8 @@ from helpers.folders import contents, is_right, part_of, receipts, run_of
 import ibdata
 from ibdata import IbdataError
 from ibdata._system.files import read_sealed, sealed, write
+from ibdata._system.part import DATASET
+from ibdata._system.runs import FolderRun
 from ibdata.cli import main
 from ibdata.dataset.models import Code
 from ibdata.errors import DatasetError, Interrupted, UsageError
@@ -28,7 +30,7 @@ from ibdata.generation.record import Record
 def unreadable(monkeypatch):
     """The receipt of shard 2 after its file was made, as a client of a network file system sees it."""
     real = shard_writing.read_receipt
-    found = lambda root, shard: None if shard.number == 2 else real(root, shard)  # noqa: E731
+    found = lambda run, shard: None if shard.number == 2 else real(run, shard)  # noqa: E731
     monkeypatch.setattr(shard_writing, "read_receipt", found)
 
 
@@ -36,10 +38,10 @@ def cut(monkeypatch):
     """The file of shard 2, of which a part is on the disk."""
     real = workers.write_receipt
 
-    def putting(root, written):
-        real(root, written)
+    def putting(run, written):
+        real(run, written)
         if written.shard.number == 2:
-            path = root / shard_writing.DATASET / written.entry.path
+            path = run.path / DATASET / written.entry.path
             path.write_bytes(path.read_bytes()[:-7])
 
     monkeypatch.setattr(workers, "write_receipt", putting)
@@ -202,7 +204,7 @@ def begun(tmp_path_factory):
     ibdata.generate(TINY, folder / "out", workers=1, shards="1/2")
     shutil.copytree(run_of(folder / "out"), run_of(folder / "other"))
     note = Record.of(DatasetSpec.of(TINY.model_copy(update={"seed": 1})), code=[], reproducible=True)
-    note.write(run_of(folder / "other"))
+    note.write(FolderRun(run_of(folder / "other")))
     return folder
 
 

@@ -128,7 +128,7 @@ def made(experiment: Experiment, spec: dict[str, object]) -> dict[str, object]:
 
 def without_tokens(path: Path) -> str:
     """SHA-256 of a file without the random digits that end the names of shards in it."""
-    return hashlib.sha256(re.sub(rb"(part-[0-9]{5})-[0-9a-f]{8}", rb"\1", path.read_bytes())).hexdigest()
+    return hashlib.sha256(re.sub(rb"(part-[0-9]{5})-[0-9a-f]{16}", rb"\1", path.read_bytes())).hexdigest()
 
 
 def main(spec: dict[str, object]) -> None:

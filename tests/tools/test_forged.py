@@ -142,7 +142,8 @@ def forge(folder, change):
         data = path.read_bytes()
         entry = FileEntry(one.path, len(data), hashlib.sha256(data).hexdigest())
         written.append(WrittenShard(shard, entry, summary_of(spec, shard, folder, entry.path)))
-    finish(spec, written, folder, True, clipped=listed.clipped_actions)
+    for path, document in finish(spec, written, True, clipped=listed.clipped_actions):
+        (folder / path).write_bytes(document)
 
 
 def swap(columns, a, b):

@@ -1,0 +1,292 @@
+"""Making a dataset at a URL: each shard goes to the hidden part, and the manifest to the place last.
+
+scripts/bridges does this with a server of S3 and with processes that are killed.
+"""
+
+import os
+import shutil
+import signal
+import tempfile
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from helpers import FULL
+from helpers.datasets import FOUR_SHARDS as TINY
+from helpers.datasets import four_shards_at
+from helpers.folders import contents
+
+import ibdata
+from ibdata._system.cache_folders import CacheFolders
+from ibdata._system.storage import Remote
+from ibdata.cli import main
+from ibdata.dataset import manifest
+from ibdata.errors import BusyError, DatasetError, IbdataError, Interrupted, UsageError
+from ibdata.generation import places, workers
+from ibdata.generation.build import Build
+
+METHODS = ("put", "copy_from", "remove", "size", "sizes", "names", "read")
+
+
+class Lost(OSError):
+    """The store, or the host, is lost."""
+
+
+def interrupted(monkeypatch, at, methods=METHODS, before=True):
+    """Let the k-th request, or its answer, be lost. The list that is returned gets an entry for each request."""
+    done, lock = [], threading.Lock()
+
+    def counting(name, method):
+        def call(self, *args):
+            with lock:
+                done.append(name)
+                number = len(done)
+            if number == at and before:
+                raise Lost("connection lost")
+            answer = method(self, *args)
+            if number == at:
+                raise Lost("connection lost")
+            return answer
+
+        return call
+
+    for name in methods:
+        monkeypatch.setattr(Remote, name, counting(name, getattr(Remote, name)))
+    return done
+
+
+@pytest.fixture
+def is_whole(tiny, files):
+    """Whether the dataset at the URL has the files of one in a folder, and nothing is beside it."""
+    return lambda: files("there") == files(tiny[0].path) and not Path(".there.part").exists()
+
+
+def test_the_files_of_a_folder_are_there_the_manifest_last(url, tiny, is_whole, monkeypatch, capsys):
+    """Until all other files are there, nobody takes the place for a dataset; nothing stays on this machine."""
+    seen, put = [], Remote.put
+
+    def noting(self, source, path, size):
+        put(self, source, path, size)
+        seen.append((self.url == url, path, Path("there", manifest.PATH).exists()))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Remote, "put", noting)
+        dataset = four_shards_at(url)
+    assert is_whole()
+    assert [path for at_place, path, _ in seen if at_place][-1] == manifest.PATH
+    assert [path for _, path, is_there in seen if is_there] == [manifest.PATH]
+    assert dataset.table().equals(tiny[0].table())
+    assert (dataset.place, dataset.content_root) == (url, tiny[0].content_root)
+    assert capsys.readouterr().err == ""
+    assert four_shards_at(url).manifest == dataset.manifest
+    assert capsys.readouterr().err == f"ibdata: {url}: already there; nothing was written\n"
+
+
+def test_no_name_is_left_for_a_file_that_waits(url, monkeypatch):
+    """A process that is killed leaves nothing on its disk."""
+    seen, put = [], Remote.put
+    before = set(Path(tempfile.gettempdir()).iterdir())
+
+    def looking(self, *args):
+        seen.append(set(Path(tempfile.gettempdir()).iterdir()) - before)
+        put(self, *args)
+
+    monkeypatch.setattr(Remote, "put", looking)
+    four_shards_at(url)
+    assert not any("ibdata" in path.name for paths in seen for path in paths)
+
+
+def test_a_lost_request_is_one_line_and_the_same_command_goes_on(url, is_whole, monkeypatch, tiny, files):
+    """Each request in turn, before it and after it was done. A glob over the place meets no row twice."""
+    with monkeypatch.context() as patched:
+        count = len(interrupted(patched, None))
+        done = interrupted(patched, None)
+        four_shards_at(url)
+        count = len(done)
+    assert count > 40
+    for at in range(1, count + 1, 1 if FULL else 7):
+        for before in (True, False):
+            shutil.rmtree("there", ignore_errors=True)
+            with monkeypatch.context() as broken:
+                interrupted(broken, at, before=before)
+                try:
+                    four_shards_at(url)
+                except IbdataError as error:
+                    assert str(error).startswith(f"{url}"), error
+                    assert "connection lost" in str(error)
+            shards = list(Path("there/data").glob("*"))
+            assert len({path.name[:10] for path in shards}) == len(shards)
+            four_shards_at(url)
+            assert is_whole(), (at, before)
+
+
+def test_a_part_of_an_object_does_not_count(url, is_whole, monkeypatch):
+    """pyarrow completes an upload that failed."""
+    monkeypatch.setattr(workers, "MOST_THREADS", 1)
+    put, cut = Remote.put, []
+
+    def cutting(self, source, path, size):
+        if path.endswith(".parquet") and len(cut) < 2:
+            cut.append(path)
+            data = source.read()
+            with self._in_folder(self._files.open_output_stream, f"{self._base}/{path}") as stream:
+                stream.write(data[:-7])
+            if len(cut) == 1:
+                raise Lost("connection lost")
+            source.seek(size)
+        put(self, source, path, size)
+
+    monkeypatch.setattr(Remote, "put", cutting)
+    for words in ("connection lost", "found 0 bytes after [0-9]+ were written"):
+        with pytest.raises(IbdataError, match=rf"there: cannot be written: .*{words}; the same command goes"):
+            four_shards_at(url)
+    four_shards_at(url)
+    assert is_whole()
+
+
+def test_ranges_of_several_hosts_make_one_dataset(url, tiny, is_whole):
+    """At the same time, some of them twice; then one completes it, or two at once."""
+    with ThreadPoolExecutor(3) as hosts:
+        ranges = ("1/2", "2/2", "1/1")
+        made = list(hosts.map(lambda each: ibdata.generate(TINY, url, workers=1, shards=each), ranges))
+    assert {each.missing for each in made} >= {0}
+    with pytest.raises(
+        DatasetError, match=r"there: no finished .*; an unfinished run has 4 of 4 shards here"
+    ):
+        ibdata.open(url)
+    with ThreadPoolExecutor(2) as hosts:
+        roots = {dataset.content_root for dataset in hosts.map(ibdata.finalize, [url, url])}
+    assert roots == {tiny[0].content_root}
+    assert is_whole()
+
+
+def test_another_experiment_is_refused_as_in_a_folder(url, capsys):
+    """A run that has made no shard is in nobody's way."""
+    other = TINY.model_copy(update={"seed": 1})
+    ibdata.generate(TINY, url, workers=1, shards="1/4")
+    with pytest.raises(UsageError) as error:
+        ibdata.generate(other, url, workers=1)
+    (run,) = Path(".there.part").iterdir()
+    place = f"{url.replace('/there', '/.there.part')}/{run.name}"
+    assert str(error.value) == (
+        f"{url}: holds an unfinished run of another experiment (seed: found 0, expected 1), 1 of 4 shards; "
+        f"remove {place} to drop it, or choose another out"
+    )
+    with pytest.raises(SystemExit, match="^0$"):
+        main(["ls", url.removesuffix("/there")])
+    assert f"{place}  " in capsys.readouterr().out
+    shutil.rmtree(run / "receipts")
+    ibdata.generate(other, url, workers=1)
+    with pytest.raises(UsageError, match=rf"there: holds the dataset of another .*; remove {url} to drop it"):
+        four_shards_at(url)
+
+
+@pytest.mark.parametrize("moment", ["before", "after"])
+def test_of_two_experiments_that_are_published_at_once_one_waits(url, is_whole, monkeypatch, moment):
+    """Which looks for others before its mark is there, or after."""
+    publishing, other = places.Store._publishing, TINY.model_copy(update={"seed": 1})
+
+    def meeting(store):
+        monkeypatch.setattr(places.Store, "_publishing", publishing)
+        found = publishing(store) if moment == "before" else None
+        with monkeypatch.context() as patched:
+            patched.setattr(Build, "_other_run", lambda build: None)  # it has begun before there were shards
+            with pytest.raises(BusyError, match=r"there: another run is being published here, or was until"):
+                ibdata.generate(other, url, workers=1)
+        return publishing(store) if found is None else found
+
+    gather = places.Store.gather
+
+    def gathering(*args):
+        monkeypatch.setattr(places.Store, "gather", gather)
+        monkeypatch.setattr(places.Store, "_publishing", meeting)
+        gather(*args)
+
+    monkeypatch.setattr(places.Store, "gather", gathering)
+    four_shards_at(url)
+    assert Path("there", manifest.PATH).exists()
+    with pytest.raises(UsageError, match="the dataset of another experiment"):
+        ibdata.generate(other, url, workers=1)
+    shutil.rmtree(".there.part")
+    assert is_whole()
+
+
+def test_a_run_that_another_host_has_finished_is_finished(url, is_whole, monkeypatch):
+    gather = Build._gather
+
+    def late(build, closely):
+        monkeypatch.setattr(Build, "_gather", gather)
+        four_shards_at(url)
+        gather(build, closely)
+
+    monkeypatch.setattr(Build, "_gather", late)
+    four_shards_at(url)
+    assert is_whole()
+
+
+def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole):
+    """Also those that come while the dataset is published; stale shards of a run that is lost go."""
+    Path("there").mkdir()
+    Path("there/notes.txt").write_text("mine")
+    with pytest.raises(UsageError, match="there: not a dataset of ibdata, left as it is; move it away"):
+        four_shards_at(url)
+    Path("there/notes.txt").unlink()
+    gather = places.Store.gather
+
+    def meeting(*args):
+        Path("there/data").mkdir(parents=True)
+        Path("there/data/part-00000-0123456789abcdef.parquet").write_text("stale")
+        Path("there/notes.txt").write_text("mine")
+        gather(*args)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(places.Store, "gather", meeting)
+        with pytest.raises(UsageError, match="there/notes.txt: found a file that is not the dataset's; move"):
+            four_shards_at(url)
+    assert Path("there/notes.txt").read_text() == "mine"
+    Path("there/notes.txt").unlink()
+    four_shards_at(url)
+    assert is_whole()
+
+
+def test_a_signal_stops_between_two_shards(url, monkeypatch, is_whole):
+    add, made = places.StoreRun.add, []
+
+    def stopping(*args):
+        made.append(1)
+        if len(made) == 3:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return add(*args)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(places.StoreRun, "add", stopping)
+        patched.setattr(workers, "MOST_THREADS", 1)
+        with pytest.raises(Interrupted, match=r"; 2 shards are finished; the same command goes on$"):
+            four_shards_at(url)
+    four_shards_at(url)
+    assert is_whole()
+
+
+def test_what_a_url_cannot_do_is_refused(url, tmp_path):
+    """An object store cannot exchange two folders; and a URL may name a folder of this machine."""
+    four_shards_at(url)
+    before = contents()
+    with pytest.raises(UsageError, match=f"^{url}: overwrite=True is for folders; remove what is there, or"):
+        ibdata.generate(TINY, url, workers=1, seed=1, overwrite=True)
+    with pytest.raises(UsageError, match="lies within the dataset"):
+        four_shards_at(f"file://{tmp_path}/there/data/in")
+    Path("there/meta/statistics.json").write_text("{}")
+    with pytest.raises(DatasetError, match=r"there/meta/statistics.json: missing or not whole"):
+        four_shards_at(url)
+    assert contents().keys() == before.keys()
+
+
+def test_what_an_older_version_kept_for_uploads_goes(url, tmp_path, monkeypatch, capsys):
+    """It lay in the cache, where nobody looks for gigabytes."""
+    monkeypatch.setattr(places, "cache_folders", lambda: CacheFolders((str(tmp_path / "cache"),), True))
+    kept = tmp_path / "cache/uploads/0123/dataset"
+    kept.mkdir(parents=True)
+    four_shards_at(url)
+    assert not kept.parent.parent.exists()
+    assert "uploads: removed what an older ibdata had kept for uploads" in capsys.readouterr().err
