@@ -36,7 +36,7 @@ DIGITS = 16  # of a shard's SHA-256, in the name of its file
 class Run(Protocol):
     """The files of a run. `name` is its place in messages. Methods raise OSError.
 
-    A file that gives a `lost` error is as good as not there; another error, such as of a network, says nothing.
+    A file whose error is one of `lost` is as good as not there. Another, such as of a network, says nothing.
     """
 
     name: str

@@ -121,29 +121,62 @@ def is_export(path: Path) -> bool:
 
 
 class HDF5(io.FileIO):
-    """A new file for HDF5, which does not learn of a write that fails: it would end the process, or go on."""
+    """A new file for HDF5, which does not learn of a write that fails: it would end the process, or go on.
+
+    HDF5 reads what it has written, and would crash without it. So what cannot be written stays in memory.
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, "w+")
         self._error: OSError | None = None
+        self._at = self._size = 0
+        self._unwritten: list[tuple[int, bytes]] = []
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a position, from the beginning or, with an offset of 0, to the end."""
+        self._at = super().seek(offset) if whence == os.SEEK_SET else self._size
+        return self._at
+
+    def tell(self) -> int:
+        """The position."""
+        return self._at
 
     def write(self, data: Any) -> int:
         """Write all data, unless a write has failed before."""
         view = memoryview(data).cast("B")
+        at, self._at = self._at, self._at + len(view)
+        self._size = max(self._size, self._at)
         try:
+            super().seek(at)
             while view and self._error is None:
                 view = view[super().write(view) :]
         except OSError as error:
             self._error = error
+        if view:
+            self._unwritten.append((self._at - len(view), bytes(view)))
         return len(data)
+
+    def readinto(self, buffer: Any) -> int:
+        """Read at the position what was written there."""
+        view = memoryview(buffer).cast("B")
+        at, self._at = self._at, self._at + len(view)
+        view[:] = bytes(len(view))
+        super().seek(at)
+        super().readinto(view)
+        for start, data in self._unwritten:
+            first, stop = max(at, start), min(self._at, start + len(data))
+            if first < stop:
+                view[first - at : stop - at] = data[first - start : stop - start]
+        return len(view)
 
     def truncate(self, size: int | None = None) -> int:
         """Set the size of the file, unless a write has failed before."""
+        self._size = self._size if size is None else size
         try:
-            return super().truncate(size)
+            return super().truncate(self._size)
         except OSError as error:
             self._error = self._error or error
-            return size or 0
+            return self._size
 
     def check(self) -> None:
         """Raise the error of the first write that failed."""

@@ -19,7 +19,7 @@ from ibdata.errors import OUT, OVERWRITE, SHARDS, DatasetError, IbdataError, Int
 from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import finish
-from ibdata.generation.places import Place, place_at
+from ibdata.generation.places import Place, just_begun, place_at, unfinished
 from ibdata.generation.record import OTHER_BITS, UNREADABLE, Record
 from ibdata.generation.shard import all_written, finished_shards
 
@@ -64,7 +64,7 @@ class Build:
         where = place_at(place)
         with refusals(where.name):
             where.refuse(overwrite=False)
-            runs = where.unfinished()
+            runs = unfinished(where.files) or just_begun(where.files)
         if not runs:
             return None
         run = where.shown(runs[0])
@@ -128,11 +128,11 @@ class Build:
         return max((len(run.receipts()) for run in self._own_runs()), default=0)
 
     def _own_runs(self) -> list[Run]:
-        return [run for run in self._place.unfinished() if self._difference(run) is None]
+        return [run for run in unfinished(self._place.files) if self._difference(run) is None]
 
     def _other_run(self) -> tuple[Run, str] | None:
         """A run in the part that is another one, and how it differs."""
-        runs = ((run, self._difference(run)) for run in self._place.unfinished())
+        runs = ((run, self._difference(run)) for run in unfinished(self._place.files))
         return next(((run, difference) for run, difference in runs if difference), None)
 
     def _difference(self, run: Run) -> str | None:

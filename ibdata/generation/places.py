@@ -52,6 +52,10 @@ class Place(Protocol):
     name: str
     replaces: bool  # whether what is here can be replaced
 
+    @property
+    def files(self) -> Storage:
+        """The files of the place."""
+
     def refuse(self, overwrite: bool) -> None:
         """Raise UsageError if no dataset can appear here, or if what is here cannot be replaced."""
 
@@ -63,9 +67,6 @@ class Place(Protocol):
 
     def refuse_replacing(self, listed: Manifest) -> None:
         """Raise UsageError if more than a dataset is here, or if it may not be replaced."""
-
-    def unfinished(self) -> list[Run]:
-        """The runs with finished shards with which somebody may go on."""
 
     def new_run(self, record: Record) -> Run:
         """The run that a record begins."""
@@ -105,6 +106,7 @@ class Folder:
 
     def __init__(self, place: str | os.PathLike[str]) -> None:
         self.name, self._path = str(Path(place)), resolved(place)
+        self.files = Storage(self._path)
         self._part = Part(self._path)
         self._found: Path | None = None
 
@@ -132,9 +134,6 @@ class Folder:
                     f"{parent}: cannot be written, expected a folder that {OVERWRITE} may replace"
                 )
 
-    def unfinished(self) -> list[Run]:
-        return _unfinished(Storage(self._path))
-
     def new_run(self, record: Record) -> Run:
         return FolderRun(self._part.run)
 
@@ -148,7 +147,7 @@ class Folder:
             yield
 
     def _clear_useless(self, part: Part) -> None:
-        if not self.unfinished():
+        if not unfinished(self.files):
             part.clear()
 
     def begin(self, run: Run, record: Record) -> bool:
@@ -207,9 +206,9 @@ class Store:
     replaces = False
 
     def __init__(self, url: str) -> None:
-        self._files = Remote(url)
-        self.name = self._files.name
-        if len(self._files.parts) < 2:
+        self.files = Remote(url)
+        self.name = self.files.name
+        if len(self.files.parts) < 2:
             raise UsageError(f"{self.name}: is a whole bucket, expected a name in it, as {self.name}/name")
         self._sizes: dict[str, int] = {}
         self._documents: dict[str, bytes] = {}
@@ -218,17 +217,17 @@ class Store:
         if overwrite:
             remedy = f"remove what is there, or choose another {OUT}"
             raise UsageError(f"{self.name}: {OVERWRITE} is for folders; {remedy}")
-        refuse_name(self._files.parts, self.name)
-        if self._files.folder is not None:
-            manifest.refuse_inside(self._files.folder)
+        refuse_name(self.files.parts, self.name)
+        if self.files.folder is not None:
+            manifest.refuse_inside(self.files.folder)
 
     def found(self) -> Storage | None:
         try:
-            self._sizes = self._files.sizes()
+            self._sizes = self.files.sizes()
         except OSError as error:
             raise DatasetError(f"{self.name}: cannot be read: {reason(error)}") from None
         is_half_done = manifest.PATH not in self._sizes and self._publishing()
-        return None if is_half_done or not self._sizes else self._files
+        return None if is_half_done or not self._sizes else self.files
 
     def size_of(self, path: str) -> int | None:
         return self._sizes.get(path)
@@ -241,14 +240,11 @@ class Store:
         return [run for run in self._runs() if note_of(run).get("manifest")]
 
     def _runs(self) -> list[StoreRun]:
-        return [run for run in runs_at(self._files) if isinstance(run, StoreRun)]
-
-    def unfinished(self) -> list[Run]:
-        return _unfinished(self._files)
+        return [run for run in runs_at(self.files) if isinstance(run, StoreRun)]
 
     def new_run(self, record: Record) -> Run:
         content = secrets.token_bytes(8) if record.live else as_json(record)
-        return StoreRun(self._files.part.below(hashlib.sha256(content).hexdigest()[:16]))
+        return StoreRun(self.files.part.below(hashlib.sha256(content).hexdigest()[:16]))
 
     @contextmanager
     def hold(self, shared: bool) -> Iterator[None]:
@@ -279,7 +275,7 @@ class Store:
         was_publishing, listed = note_of(run).get("manifest"), json.loads(self._documents[manifest.PATH])
         record.model_copy(update={"manifest": listed["checksum"]}).write(run)
         others = [other for other in self._publishing() if other.name != run.name]
-        is_taken = self._files.size(manifest.PATH) is not None  # then others may be removed already
+        is_taken = self.files.size(manifest.PATH) is not None  # then others may be removed already
         if (others or is_taken) and not was_publishing:
             record.write(run)
         if is_taken:
@@ -289,21 +285,21 @@ class Store:
                 f"{self.name}: another run is being published here, or was until a kill; the same command as "
                 f"then goes on with it, else remove {self.shown(others[0])}"
             )
-        shards, found = {shard.entry.path: shard.entry.bytes for shard in written}, self._files.sizes()
+        shards, found = {shard.entry.path: shard.entry.bytes for shard in written}, self.files.sizes()
         for path in sorted(found.keys() - shards.keys() - self._documents.keys()):
             if not SHARD.fullmatch(path):
-                strange = f"{self._files.where(path)}: found a file that is not the dataset's"
+                strange = f"{self.files.where(path)}: found a file that is not the dataset's"
                 raise UsageError(f"{strange}; move it away")
-            self._files.remove(path)  # which a run that nobody goes on with has left
+            self.files.remove(path)  # which a run that nobody goes on with has left
         missing = [path for path, size in shards.items() if found.get(path) != size]
         with ThreadPoolExecutor(AT_ONCE) as threads:
-            list(threads.map(lambda path: self._files.copy_from(made, path), missing))
+            list(threads.map(lambda path: self.files.copy_from(made, path), missing))
         for path, data in self._documents.items():
             if path != manifest.PATH:
-                self._files.put_bytes(data, path)
+                self.files.put_bytes(data, path)
 
     def appear(self, run: Run, record: Record, replace: bool) -> None:
-        self._files.put_bytes(self._documents[manifest.PATH], manifest.PATH)
+        self.files.put_bytes(self._documents[manifest.PATH], manifest.PATH)
 
     def clear(self, run: Run) -> None:
         assert isinstance(run, StoreRun)
@@ -312,19 +308,25 @@ class Store:
 
     def tidy(self) -> None:
         with suppress(OSError, IbdataError):
-            checksum = manifest.checksum_in(self._files)
+            checksum = manifest.checksum_in(self.files)
             for run in self._runs():
                 if checksum and note_of(run).get("manifest") == checksum:
                     run.files.remove()
-            if not self._files.part.names(""):
-                self._files.part.remove()  # an empty folder, or the mark that pyarrow leaves for one
+            if not self.files.part.names(""):
+                self.files.part.remove()  # an empty folder, or the mark that pyarrow leaves for one
 
     def shown(self, files: Run | Storage | None = None) -> str:
         return self.name if files is None else files.name
 
 
-def _unfinished(files: Storage) -> list[Run]:
+def unfinished(files: Storage) -> list[Run]:
+    """The runs beside a place that have finished shards, with which somebody may go on."""
     return [run for run in runs_at(files) if manifest.is_unfinished(run, files)]
+
+
+def just_begun(files: Storage) -> list[Run]:
+    """The runs beside a place that have no finished shard yet."""
+    return [run for run in runs_at(files) if not run.receipts() and note_of(run).get("live") is False]
 
 
 def _refuse_folder(path: Path, name: str) -> None:

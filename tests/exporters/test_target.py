@@ -15,7 +15,7 @@ from helpers import python
 import ibdata
 from ibdata.errors import IbdataError, UsageError
 from ibdata.exporters import FORMATS
-from ibdata.exporters._target import is_export, is_folder_export
+from ibdata.exporters._target import HDF5, is_export, is_folder_export
 
 KILLED = """
 import os, signal, sys
@@ -101,6 +101,30 @@ def test_a_write_that_fails_is_one_line(dataset, tmp_path, to, share):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("limit", [0, 5, 100])
+def test_hdf5_reads_what_could_not_be_written(tmp_path, limit):
+    """What it finds in place of it ends the process, now and then."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with HDF5(tmp_path / "made") as file:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
+        try:
+            file.write(b"0123456789")
+            file.seek(20)
+            file.write(b"more")
+            file.seek(2)
+            file.write(b"xy")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert file.seek(0, os.SEEK_END) == 24
+        file.seek(1)
+        found = bytearray(b"?" * 25)
+        file.readinto(found)
+        assert bytes(found) == b"1xy456789" + bytes(10) + b"more" + bytes(2)
+        with suppress(OSError):
+            file.check()
+            assert limit == 100
 
 
 def test_only_an_export_is_replaced(dataset, tmp_path):

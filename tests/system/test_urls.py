@@ -22,7 +22,6 @@ from ibdata.cli import cli
 from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.experiment.catalogue import write_template
 from ibdata.tools.card import card
-from ibdata.tools.listing import datasets_in
 
 READERS = ("info", "head", "stats", "validate")
 
@@ -115,9 +114,7 @@ WITHOUT_URLS = {
     "card": card,
     "repair": ibdata.repair,
     "reproduce": ibdata.reproduce,
-    "finalize": ibdata.finalize,
     "template": lambda url: write_template(f"{url}.yaml"),
-    "datasets": datasets_in,
 }
 
 
