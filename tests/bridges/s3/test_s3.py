@@ -1,6 +1,5 @@
 """Datasets in an object store: a local S3 server, and fsspec's file system in memory."""
 
-import itertools
 import re
 import subprocess
 import sys
@@ -11,35 +10,10 @@ import pytest
 from helpers import ROOT
 from helpers.datasets import PLAIN
 from helpers.pages import blocks
-from moto.server import ThreadedMotoServer
 
 import ibdata
 from ibdata._system.storage import Remote
 from ibdata.errors import DatasetError
-
-NUMBERS = itertools.count()
-
-
-@pytest.fixture(scope="module")
-def server():
-    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
-    server.start()
-    host, port = server.get_host_and_port()
-    yield f"http://{host}:{port}"
-    server.stop()
-
-
-@pytest.fixture
-def bucket(server, tmp_path, monkeypatch):
-    """A new bucket."""
-    settings = {"AWS_ENDPOINT_URL": server, "AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test"}
-    settings |= {"AWS_DEFAULT_REGION": "us-east-1", "AWS_EC2_METADATA_DISABLED": "true"}
-    for name, value in settings.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.chdir(tmp_path)
-    name = f"bucket-{next(NUMBERS)}"
-    boto3.client("s3").create_bucket(Bucket=name)
-    return name
 
 
 @pytest.fixture(params=["s3", "memory"])
