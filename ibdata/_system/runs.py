@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from ibdata._system.files import (
     FileEntry,
@@ -33,40 +33,14 @@ T = TypeVar("T")
 DIGITS = 16  # of a shard's SHA-256, in the name of its file
 
 
-class Run(Protocol):
-    """The files of a run. `name` is its place in messages. Methods raise OSError.
-
-    A file whose error is one of `lost` is as good as not there. Another, such as of a network, says nothing.
-    """
-
-    name: str
-    lost: tuple[type[OSError], ...]
-
-    @property
-    def files(self) -> Storage:
-        """All its files."""
-
-    def read(self, path: str) -> bytes:
-        """The data of a sealed file. Raises ValueError if they are not what was written."""
-
-    def write(self, path: str, data: bytes) -> None:
-        """Write a sealed file, perhaps in place of another."""
-
-    def receipts(self) -> list[str]:
-        """The names of the receipts."""
-
-    def add(self, stem: str, write: Callable[[HashingFile], T]) -> tuple[FileEntry, T]:
-        """Let a function write a shard; its entry, and what the function returns."""
-
-    def has(self, entry: FileEntry, closely: bool = False) -> bool:
-        """Whether a shard is there with this size; `closely`: in a folder, with this hash."""
-
-    def dataset(self) -> Storage | None:
-        """The files of the dataset; None if they are gone."""
-
-
 class FolderRun:
-    """The files of a run in a folder."""
+    """The files of a run in a folder. Methods raise OSError.
+
+    Attributes:
+        name: The place of the run in messages.
+        files: All its files.
+        lost: The errors of a file that is as good as not there. Another, such as of a network, says nothing.
+    """
 
     lost: tuple[type[OSError], ...] = (OSError,)
 
@@ -74,9 +48,11 @@ class FolderRun:
         self.path, self.name, self.files = path, str(path), Storage(path)
 
     def read(self, path: str) -> bytes:
+        """The data of a sealed file. Raises ValueError if they are not what was written."""
         return read_sealed(self.path / path)
 
     def write(self, path: str, data: bytes) -> None:
+        """Write a sealed file, perhaps in place of another."""
         # beside the folders that are listed; hosts may have equal process ids
         temporary = self.path / f".tmp-{secrets.token_hex(6)}"
         write_new(self.path, temporary.name, sealed(data))
@@ -84,9 +60,11 @@ class FolderRun:
         rename(temporary, self.path / path)
 
     def receipts(self) -> list[str]:
+        """The names of the receipts."""
         return [path.name for path in existing_paths(self.path / RECEIPTS)]
 
     def add(self, stem: str, write: Callable[[HashingFile], T]) -> tuple[FileEntry, T]:
+        """Let a function write a shard; its entry, and what the function returns."""
         if not self.path.is_dir():
             raise IbdataError(f"{self.path.parents[1]}: not found, expected a folder that all hosts share")
         temporary = self.path / f".tmp-{secrets.token_hex(6)}"
@@ -98,12 +76,14 @@ class FolderRun:
         return entry, written
 
     def has(self, entry: FileEntry, closely: bool = False) -> bool:
+        """Whether a shard is there with this size; `closely`: in a folder, with this hash."""
         path = self.path / DATASET / entry.path
         if closely:
             return file_sha256(path) == entry.sha256
         return path.is_file() and path.stat().st_size == entry.bytes
 
     def dataset(self) -> Storage | None:
+        """The files of the dataset; None if they are gone."""
         return Storage(self.path / DATASET) if (self.path / DATASET).exists() else None
 
 
@@ -139,6 +119,9 @@ class StoreRun:
 
     def dataset(self) -> Storage | None:
         return self.files.below(DATASET)
+
+
+Run = FolderRun | StoreRun
 
 
 def _entry(stem: str, file: HashingFile) -> FileEntry:

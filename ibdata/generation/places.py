@@ -15,12 +15,21 @@ import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ibdata._system.cache_folders import cache_folders
-from ibdata._system.files import keep_access, part_of, paths_in, remove, rename, sync_all, write_new
+from ibdata._system.files import (
+    keep_access,
+    part_of,
+    paths_in,
+    remove,
+    rename,
+    sync_all,
+    sync_folder,
+    write_new,
+)
 from ibdata._system.part import (
     DATASET,
     OLD,
@@ -46,61 +55,14 @@ SHARD = re.compile(r"data/part-[0-9]{5,}-[0-9a-f]+[.]parquet")
 Documents = Iterable[tuple[str, bytes]]  # paths and contents of what is no shard, the manifest last
 
 
-class Place(Protocol):
-    """Where a dataset comes to be; `name` is its name in messages."""
-
-    name: str
-    replaces: bool  # whether what is here can be replaced
-
-    @property
-    def files(self) -> Storage:
-        """The files of the place."""
-
-    def refuse(self, overwrite: bool) -> None:
-        """Raise UsageError if no dataset can appear here, or if what is here cannot be replaced."""
-
-    def found(self) -> Storage | None:
-        """The files that are here; None if there are none, but for what a publication left half-done."""
-
-    def size_of(self, path: str) -> int | None:
-        """The bytes of a file that was found; None if it was not."""
-
-    def refuse_replacing(self, listed: Manifest) -> None:
-        """Raise UsageError if more than a dataset is here, or if it may not be replaced."""
-
-    def new_run(self, record: Record) -> Run:
-        """The run that a record begins."""
-
-    def hold(self, shared: bool) -> AbstractContextManager[None]:
-        """Keep others away as far as that is possible; `shared`: but not from other shards of the same."""
-
-    def begin(self, run: Run, record: Record) -> bool:
-        """Note the record of a run; False if the run has begun already."""
-
-    def gather(self, run: Run, record: Record, written: list[WrittenShard], documents: Documents) -> None:
-        """Bring together all files of the dataset; nobody takes them for one yet."""
-
-    def appear(self, run: Run, record: Record, replace: bool) -> None:
-        """Give the dataset that was gathered its name."""
-
-    def clear(self, run: Run) -> None:
-        """Remove a run from the part."""
-
-    def tidy(self) -> None:
-        """Remove what a process that was killed has left, unless somebody is at work here."""
-
-    def shown(self, files: Run | Storage | None = None) -> str:
-        """Where a run, or what was found, is to be removed by a user."""
-
-
-def place_at(place: Any) -> Place:
-    """The place that a path or a URL names."""
-    url = url_of(place)
-    return Folder(place) if url is None else Store(url)
-
-
 class Folder:
-    """A folder. Its part has a lock, and is published by one rename."""
+    """A folder. Its part has a lock, and is published by one rename.
+
+    Attributes:
+        name: The place in messages.
+        files: The files of the place.
+        replaces: Whether what is here can be replaced.
+    """
 
     replaces = True
 
@@ -111,19 +73,23 @@ class Folder:
         self._found: Path | None = None
 
     def refuse(self, overwrite: bool) -> None:
+        """Raise UsageError if no dataset can appear here, or if what is here cannot be replaced."""
         _refuse_folder(self._path, self.name)
         self._part.refuse_foreign()
 
     def found(self) -> Storage | None:
+        """The files that are here; None if there are none, but for what a publication left half-done."""
         places = (self._path, self._part.folder / OLD)  # which is to be restored
         self._found = next((place for place in places if existing_paths(place)), None)
         return Storage(self._found) if self._found else None
 
     def size_of(self, path: str) -> int | None:
+        """The bytes of a file that was found; None if it was not."""
         file = self._found / path if self._found else None
         return file.stat().st_size if file and file.is_file() else None
 
     def refuse_replacing(self, listed: Manifest) -> None:
+        """Raise UsageError if more than a dataset is here, or if it may not be replaced."""
         folder = self._found or self._path
         for path in foreign_files(folder, listed):
             what = "folder" if path.is_dir() else "file"
@@ -135,10 +101,12 @@ class Folder:
                 )
 
     def new_run(self, record: Record) -> Run:
+        """The run that a record begins."""
         return FolderRun(self._part.run)
 
     @contextmanager
     def hold(self, shared: bool) -> Iterator[None]:
+        """Keep others away as far as that is possible; `shared`: but not from other shards of the same."""
         if shared:
             self.tidy()
         with locked_part(self._path, self.name, shared=shared) as self._part:
@@ -168,6 +136,7 @@ class Folder:
         return True
 
     def gather(self, run: Run, record: Record, written: list[WrittenShard], documents: Documents) -> None:
+        """Bring together all files of the dataset; nobody takes them for one yet."""
         folder, paths = self._part.run / DATASET, {shard.entry.path for shard in written}
         for file in (folder / "data").iterdir():
             if f"data/{file.name}" not in paths:  # of a shard that was made again, and got other bytes
@@ -184,15 +153,19 @@ class Folder:
             old = self._path / path.relative_to(folder)
             keep_access(old if path.is_dir() else self._path / manifest.PATH, path)
         record.model_copy(update={"manifest": manifest.checksum_in(Storage(folder))}).write(run)
+        sync_folder(self._part.run)
         self._part.place(folder, replace)
 
     def clear(self, run: Run) -> None:
+        """Remove a run from the part."""
         self._part.clear()
 
     def tidy(self) -> None:
+        """Remove what a process that was killed has left, unless somebody is at work here."""
         tidy(self._path, self._clear_useless)
 
     def shown(self, files: Run | Storage | None = None) -> str:
+        """Where a run, or what was found, is to be removed by a user."""
         path = files.path if isinstance(files, Storage) else self._part.run
         return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
 
@@ -317,6 +290,15 @@ class Store:
 
     def shown(self, files: Run | Storage | None = None) -> str:
         return self.name if files is None else files.name
+
+
+Place = Folder | Store
+
+
+def place_at(place: Any) -> Place:
+    """The place that a path or a URL names."""
+    url = url_of(place)
+    return Folder(place) if url is None else Store(url)
 
 
 def unfinished(files: Storage) -> list[Run]:

@@ -4,6 +4,7 @@ scripts/bridges does this with a server of S3 and with processes that are killed
 """
 
 import os
+import random
 import shutil
 import signal
 import tempfile
@@ -145,6 +146,23 @@ def test_a_part_of_an_object_does_not_count(url, is_whole, monkeypatch):
     for words in ("connection lost", "found 0 bytes after [0-9]+ were written"):
         with pytest.raises(IbdataError, match=rf"there: cannot be written: .*{words}; the same command goes"):
             four_shards_at(url)
+    four_shards_at(url)
+    assert is_whole()
+
+
+def test_a_store_that_shows_an_object_late_gives_no_wrong_row(url, is_whole, monkeypatch):
+    """One of twenty answers does not know of what is there. The same command goes on."""
+    generator, size, sizes, names = random.Random(1), Remote.size, Remote.sizes, Remote.names
+
+    def some(found):
+        return [each for each in found if generator.random() > 0.05]
+
+    with monkeypatch.context() as late:
+        late.setattr(Remote, "size", lambda self, path: (some([size(self, path)]) or [None])[0])
+        late.setattr(Remote, "sizes", lambda self: {path: sizes(self)[path] for path in some(sizes(self))})
+        late.setattr(Remote, "names", lambda self, folder: some(names(self, folder)))
+        said = [outcome(url) for _ in range(10)]
+    assert any(said)
     four_shards_at(url)
     assert is_whole()
 

@@ -130,3 +130,22 @@ def test_the_command_and_the_snippet_of_the_page(command):
     for args in ([command, *line.split()[1:]], [sys.executable, "-c", snippet]):
         done = subprocess.run(args, capture_output=True, text=True, timeout=120)
         assert done.returncode == 0, done.stderr
+
+
+def test_shards_go_to_a_bucket_as_they_are_made(bucket):
+    """Hosts that share no folder; a worker that dies, and code of a user, are as in a folder."""
+    url = f"s3://{bucket}/x"
+    made = ibdata.generate(TINY, url, engine="ray", workers=2)
+    assert made.content_root == ibdata.generate(TINY, "plain", workers=1).content_root
+    assert ibdata.validate(url) == []
+    part = ibdata.generate(TINY, f"{url}-too", engine="ray", workers=2, shards="1/2")
+    assert part.missing == 2
+    ibdata.generate(TINY, f"{url}-too", workers=1, shards="2/2")
+    assert ibdata.finalize(f"{url}-too").content_root == made.content_root
+    Path("deadly.py").write_text(POLICY)
+    options = {"driver": os.getpid(), "flag": str(Path("flag").absolute())}
+    policy = {"kind": "custom", "target": "deadly:Deadly", "params": options, "draws": 3}
+    experiment = {**TINY.plain(), "policies": [policy], "splits": {}}
+    custom = ibdata.generate(experiment, f"{url}-own", engine="ray", workers=2, allow_code=True)
+    assert Path("flag").read_text() == "xx"
+    assert len(custom) == len(made)

@@ -1,4 +1,4 @@
-"""A run into a bucket that is killed at any request: no reader meets a mixture, and the same command heals."""
+"""A run into a bucket that is killed at any request: readers meet no mixture, and the same command heals."""
 
 import os
 import signal
