@@ -36,7 +36,7 @@ class FileEntry(NamedTuple):
 class HashingFile(io.RawIOBase):
     """A binary file that hashes what is written to it."""
 
-    def __init__(self, raw: BinaryIO) -> None:
+    def __init__(self, raw: IO[bytes]) -> None:
         self._raw = raw
         self._hasher = hashlib.sha256()
         self.size = 0

@@ -13,10 +13,11 @@ import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import IO, TYPE_CHECKING, Any
 
 from ibdata._system.files import FileEntry, is_litter, open_regular, paths_in
 from ibdata._system.signals import held
@@ -186,17 +187,24 @@ class Remote(Storage):
     @property
     def part(self) -> Remote:
         """The hidden folder beside this one, in which a dataset for this place is made."""
-        around, _, name = self._split_url()[0].rpartition("/")
-        return Remote(f"{around}/.{name}.part{self._split_url()[1]}")
+
+        def beside(path: str) -> str:
+            around, _, name = path.rpartition("/")
+            return f"{around}/.{name}.part"
+
+        return self._at(beside)
 
     def below(self, name: str) -> Remote:
         """The files in a folder of this one."""
-        return Remote(f"{self._split_url()[0]}/{name}{self._split_url()[1]}")
+        return self._at(lambda path: f"{path}/{name}")
 
-    def _split_url(self) -> tuple[str, str]:
-        """The URL without its query, and the query."""
+    def _at(self, other: Callable[[str], str]) -> Remote:
+        """The files at another path of the same file system."""
         head, mark, query = self.url.partition("?")
-        return head.rstrip("/"), mark + query
+        found = copy(self)
+        found.url, found._base = other(head.rstrip("/")) + mark + query, other(self._base)
+        found.name = hidden(found.url)
+        return found
 
     def size(self, path: str) -> int | None:
         """The bytes of a file; None if there is none."""
@@ -204,7 +212,7 @@ class Remote(Storage):
             info = self._files.get_file_info(f"{self._base}/{path}")
             return info.size if info.is_file else None
 
-    def put(self, source: BinaryIO, path: str, size: int) -> None:
+    def put(self, source: IO[bytes], path: str, size: int) -> None:
         """Upload a file of a size. If that fails, part of it may be there."""
         with plain_errors():
             with self._in_folder(self._files.open_output_stream, f"{self._base}/{path}") as stream:
