@@ -52,10 +52,13 @@ class Dataset(Episodes):
 
     Args:
         path: The folder, or a URL such as s3://bucket/name. A plain name, without `..`, of which there is no
-            folder is looked for in data/, so that the name of a shipped experiment finds its dataset.
+            folder is looked for in data/, so that the name of a shipped experiment finds its dataset. Of a
+            list of these, of opened datasets or of selections, the datasets follow one another as if `merge`
+            had copied them, but without its copy: what needs a folder refuses them.
 
     Raises:
         DatasetError: There is no finished dataset, or its manifest is damaged.
+        UsageError: The list is empty, or `merge` would refuse its datasets.
     """
 
     @public

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -33,11 +34,20 @@ class Episodes:
     """The episodes of a dataset, or some of them, and what is known of the dataset; see `Dataset`."""
 
     @public
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.stored = Stored.open(existing(path))
+    def __init__(self, path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> None:
         self.mask: Mask | None = None  # whether each episode is one of these; None for all of them
         self.is_by_returns = False  # whether these were chosen by their returns
         self.chosen_split: Split = None  # the split, or splits, that these are
+        if isinstance(path, str | os.PathLike):
+            self.stored = Stored.open(existing(path))
+            return
+        from ibdata.dataset.several import as_one  # which most readers do without
+
+        parts = [part if isinstance(part, Episodes) else Episodes(part) for part in path]
+        self.stored = as_one([part.stored for part in parts])
+        if any(part.mask is not None for part in parts):
+            self.mask = np.concatenate([part.inside for part in parts])
+        self.is_by_returns = any(part.is_by_returns for part in parts)
 
     def __repr__(self) -> str:
         of = "" if self.mask is None else "a selection of "
@@ -197,16 +207,16 @@ class Episodes:
         return ColumnStatistics((name, column.plain()) for name, column in columns.items())
 
     def _statistics(self) -> dict[str, Statistic]:
-        stored, mask = self.stored, self.mask
-        if mask is None:
-            return stored.statistics.all
-        for name, entry in stored.splits.items():
-            if entry.declared and np.array_equal(mask, in_splits(stored, [name])):
-                return stored.statistics.splits[name]
+        stored, listed = self.stored, self.stored.statistics
+        if self.mask is None and listed.all:
+            return listed.all
+        for name, of_split in listed.splits.items():
+            if np.array_equal(self.inside, in_splits(stored, [name])):
+                return of_split
         from ibdata.dataset.statistics import of_batches  # compiles, which other readers do without
 
         names = [column.name for column in stored.info.columns if column.dtype.startswith("float")]
-        return of_batches(stored.batches_of(mask, names, BLOCK_ROWS), names, len(self))
+        return of_batches(stored.batches_of(self.mask, names, BLOCK_ROWS), names, len(self))
 
     def _chosen(self: Some, split: Split = None, setpoint: Setpoint = None, policy: Policy = None) -> Some:
         """A selection that is not empty. Raises UsageError if none of its episodes meets all conditions."""

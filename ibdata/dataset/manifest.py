@@ -58,6 +58,8 @@ def read(place: Any) -> Manifest:
 
 def _remedy(files: Storage) -> str:
     """What may have been meant: a dataset in data/, around or beside the place, or one to be made."""
+    if "*" in files.name:
+        return f"; ibdata.open takes a list of places, such as sorted(glob.glob({files.name!r}))"
     below = Path(files.name) if files.url else in_data(Path(files.name)) or Path(files.name)
     for place in [files] if files.url else [files, Storage(below)]:
         with suppress(OSError, IbdataError):  # not ours to read, or no name that the system knows

@@ -57,9 +57,7 @@ def _holds(entry: SplitEntry, manifest: Manifest) -> bool:
 
 def runs_of(name: str, entry: SplitEntry, manifest: Manifest) -> list[list[int]]:
     """The episodes of a split, as runs [first, stop]."""
-    if entry.declared:
-        return [shard.episodes for shard in manifest.shards if name in shard.splits]
-    return entry.runs
+    return [*(shard.episodes for shard in manifest.shards if name in shard.splits), *entry.runs]
 
 
 def with_later(episodes: pa.Table, entries: Mapping[str, SplitEntry]) -> pa.Table:

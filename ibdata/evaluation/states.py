@@ -18,7 +18,7 @@ from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError, excerpt
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import layout
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.experiment.rollout import PART_ROWS, episodes_of, write_columns
 from ibdata.generation.finish import refuse_other_plan
 from ibdata.policies import Policy
@@ -29,7 +29,7 @@ class Addresses:
     """The addresses of a dataset's episodes. Raises DatasetError if this ibdata makes other episodes."""
 
     def __init__(self, stored: Stored, spec: DatasetSpec | None = None) -> None:
-        self.stored, self._spec = stored, spec or spec_in(stored)
+        self.stored, self._spec = stored, spec or declared_spec(stored)
         refuse_other_plan(self._spec, stored.manifest)
         names = ("length", "shard", "row_start")
         self.lengths, self.shards, self.starts = (stored.episodes[name].to_numpy() for name in names)

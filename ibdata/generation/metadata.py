@@ -33,7 +33,7 @@ def info(spec: DatasetSpec) -> Info:
         format="ibdata-dataset",
         version=1,
         name=spec.name,
-        dynamics=spec.experiments[0].plain()["dynamics"],
+        dynamics=spec.experiments[0].cells[0].dynamics,
         drifting=spec.experiments[0].drifting,
         start=spec.experiments[0].plain()["start"],
         counts=Counts(
