@@ -13,7 +13,6 @@ MOST = 4
 BY_HAND = 9  # digits up to which a number counts as written by hand, such as a setpoint, and is shown in full
 PLAIN = (1e-6, 1e15)  # the largest number of a column that is written without an exponent
 NAME_PATTERN = r"^[a-z0-9][a-z0-9_-]{0,63}$"  # of experiments, datasets, policies and splits
-LIVE = "live:"  # begins the name of an object of a session in a record of code
 # Names that some YAML parsers read as true, false or null.
 YAML_WORDS = frozenset({"y", "n", "yes", "no", "on", "off", "true", "false", "null"})
 

@@ -41,10 +41,12 @@ class Episodes:
         if isinstance(path, str | os.PathLike):
             self.stored = Stored.open(existing(path))
             return
-        from ibdata.dataset.several import as_one  # which most readers do without
+        from ibdata.dataset.several import Several  # which most readers do without
 
         parts = [part if isinstance(part, Episodes) else Episodes(part) for part in path]
-        self.stored = as_one([part.stored for part in parts])
+        if not parts:
+            raise UsageError("path: found an empty list, expected at least one place")
+        self.stored = Several([part.stored for part in parts]) if len(parts) > 1 else parts[0].stored
         if any(part.mask is not None for part in parts):
             self.mask = np.concatenate([part.inside for part in parts])
         self.is_by_returns = any(part.is_by_returns for part in parts)

@@ -69,7 +69,7 @@ class Stored:
     """
 
     def __init__(self, storage: Storage, manifest: Manifest) -> None:
-        self._storage, self.manifest = storage, manifest
+        self.storage, self.manifest = storage, manifest
         self._splits: tuple[Any, dict[str, SplitEntry]] | None = None
 
     @classmethod
@@ -77,11 +77,6 @@ class Stored:
         """The dataset in a folder or at a URL. Raises DatasetError if there is none, or it is damaged."""
         files = storage(place)
         return cls(files, manifest.read(files))
-
-    @property
-    def storage(self) -> Storage:
-        """The files."""
-        return self._storage
 
     @property
     def name(self) -> str:

@@ -25,7 +25,6 @@ from pydantic import (
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
 from ibdata._numerics.arguments import can_act, has_method, native
-from ibdata._numerics.naming import LIVE
 from ibdata.errors import PolicyError, Problems, UsageError, excerpt, printable, suggestion
 from ibdata.policies.adapter import EXPECTED, Adapter, needs_of, refuse_other_form
 from ibdata.policies.base import (
@@ -55,6 +54,7 @@ from ibdata.views.options import PLAIN, ViewOptions
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+LIVE = "live:"  # begins the name of an object in a record of code
 MOST_CLIPPED = 0.2  # share of the numbers of actions
 
 

@@ -10,10 +10,9 @@ from pathlib import Path
 from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import NAME_PATTERN, counted
 from ibdata.dataset.dataset import Dataset
-from ibdata.dataset.several import refuse_unlike
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
-from ibdata.tools.rewrite import sources_of, write_dataset
+from ibdata.tools.rewrite import write_dataset
 
 
 @public
@@ -35,11 +34,8 @@ def merge(folders: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
     if len(folders) < 2:
         raise UsageError(f"merge: found {counted(len(folders), 'dataset')}, expected at least 2")
     datasets = [Dataset(folder) for folder in folders]
-    refuse_unlike([dataset.stored for dataset in datasets])
-    recipes = [spec_in(d.stored).all_declared() for d in datasets]
-    sources = [source for d, spec in zip(datasets, recipes, strict=True) for source in sources_of(d, spec)]
+    source = Dataset(datasets)
+    recipes = [spec_in(dataset.stored).all_declared() for dataset in datasets]
     experiments = tuple(experiment for spec in recipes for experiment in spec.experiments)
-    name = Path(out).name
-    return write_dataset(
-        DatasetSpec(name if re.fullmatch(NAME_PATTERN, name) else "merged", experiments), sources, out
-    )
+    name = Path(out).name if re.fullmatch(NAME_PATTERN, Path(out).name) else "merged"
+    return write_dataset(DatasetSpec(name, experiments), source, out)

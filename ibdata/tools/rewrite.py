@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import pyarrow as pa
 
@@ -30,54 +29,41 @@ from ibdata.generation.record import Record
 from ibdata.generation.shard import write_receipt, write_shard
 
 
-class Source(NamedTuple):
-    """The source of an experiment's episodes: a dataset, and the number that the first of them has in it."""
-
-    dataset: Dataset
-    first: int
-
-
-def sources_of(dataset: Dataset, spec: DatasetSpec) -> list[Source]:
-    """The source of each experiment of a dataset."""
-    counts = [experiment.episode_count for experiment in spec.experiments]
-    return [Source(dataset, sum(counts[:i])) for i in range(len(counts))]
-
-
-def write_dataset(spec: DatasetSpec, sources: list[Source], out: str | os.PathLike[str]) -> Dataset:
-    """Copy the episodes of each experiment of a spec from its source to a dataset in a new folder.
+def write_dataset(spec: DatasetSpec, source: Dataset, out: str | os.PathLike[str]) -> Dataset:
+    """Copy the episodes of a dataset, or of several opened as one, to one with this spec in a new folder.
 
     Raises UsageError if the folder is not new, and DatasetError if the episodes are not those that the source
     lists.
     """
     refuse_url(out)
-    manifests = list({id(source.dataset): source.dataset.stored.manifest for source in sources}.values())
+    listed = source.stored.manifest
     record = Record.of(
         spec,
-        code=[entry for one in manifests for entry in one.code],
-        reproducible=all(one.reproducible for one in manifests),
-        sources=[one.content_root for one in manifests],
-        clipped=sum(one.clipped_actions for one in manifests),
+        code=listed.code,
+        reproducible=bool(listed.reproducible),
+        sources=[listed.content_root],
+        clipped=listed.clipped_actions,
     )
     build = Build(out, spec, new=True, record=record, replaces=None)
     build.look()
     with build.open(record):
         for shard in build.missing():
-            _copy(build, shard, sources[shard.experiment])
+            _copy(build, shard, source)
             check()
         build.publish()
     return Dataset(build.name)
 
 
-def _copy(build: Build, shard: Shard, source: Source) -> None:
+def _copy(build: Build, shard: Shard, source: Dataset) -> None:
     """Copy a shard's episodes from a source, check that they are those that it lists, and write a receipt."""
     written = write_shard(build.spec, shard, _pieces(build.spec, shard, source), build.run)
-    first, count = source.first + shard.first, shard.stop - shard.first
-    if written.content.digests != source.dataset.stored.episodes["digest"].slice(first, count).to_pylist():
+    first, count = shard.offset + shard.first, shard.stop - shard.first
+    if written.content.digests != source.stored.episodes["digest"].slice(first, count).to_pylist():
         raise _changed(source)
     write_receipt(build.run, written)
 
 
-def _pieces(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[Piece]:
+def _pieces(spec: DatasetSpec, shard: Shard, source: Dataset) -> Iterator[Piece]:
     """Read the float columns of a shard's episodes from the files of the source that hold them."""
     try:
         yield from stored_pieces(spec, shard, _batches(spec.experiments[shard.experiment], shard, source))
@@ -87,19 +73,18 @@ def _pieces(spec: DatasetSpec, shard: Shard, source: Source) -> Iterator[Piece]:
         raise _changed(source) from None  # text instead of numbers
 
 
-def _batches(experiment: Experiment, shard: Shard, source: Source) -> Iterator[pa.RecordBatch]:
+def _batches(experiment: Experiment, shard: Shard, source: Dataset) -> Iterator[pa.RecordBatch]:
     names, steps = layout(experiment).names, experiment.steps
-    first, stop = source.first + shard.first, source.first + shard.stop
-    for number, entry in enumerate(source.dataset.stored.manifest.shards):
+    first, stop = shard.offset + shard.first, shard.offset + shard.stop
+    for number, entry in enumerate(source.stored.manifest.shards):
         low, high = max(first, entry.episodes[0]), min(stop, entry.episodes[1])
         if low < high:
             start, end = ((episode - entry.episodes[0]) * steps for episode in (low, high))
-            yield from source.dataset.stored.batches(number, names, BATCH_ROWS, start, end)
+            yield from source.stored.batches(number, names, BATCH_ROWS, start, end)
 
 
-def _changed(source: Source) -> DatasetError:
-    place = source.dataset.place
-    return DatasetError(f"{place}: found other content than it lists; see ibdata validate {place}")
+def _changed(source: Dataset) -> DatasetError:
+    return DatasetError(f"{source.place}: found other content than it lists; see ibdata validate")
 
 
 def relabel(dataset: Dataset, before: DatasetSpec, spec: DatasetSpec) -> Dataset:

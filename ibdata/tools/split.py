@@ -16,7 +16,7 @@ from ibdata.experiment import split_schemes
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.fields import SplitName
 from ibdata.experiment.split_schemes import Splits
-from ibdata.tools.rewrite import relabel, sources_of, write_dataset
+from ibdata.tools.rewrite import relabel, write_dataset
 from ibdata.tools.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES, refuse_unused
 
 
@@ -97,7 +97,7 @@ def split(
     labelled = DatasetSpec(spec.name, spec.experiments, {**later, **new})
     if materialize is None:
         return relabel(dataset, spec, labelled)
-    return write_dataset(labelled.all_declared(), sources_of(dataset, spec), materialize)
+    return write_dataset(labelled.all_declared(), dataset, materialize)
 
 
 def _several(numbers: float | Sequence[float]) -> list[float]:

@@ -109,7 +109,7 @@ def test_objects_of_one_class_draw_apart_and_the_same_everywhere():
 def test_two_runs_of_one_class_and_seed_are_not_merged():
     ibdata.generate(two(), "one")
     ibdata.generate(two(), "two")
-    with pytest.raises(UsageError, match=r"policy drawing: the same .* in one; name one of the objects, or"):
+    with pytest.raises(UsageError, match=r"policy drawing: the same .* in one; leave one out, or"):
         ibdata.merge(["one", "two"], "both")
     named = [{**DRAWING, "target": Drawing(), "name": "other"}]
     ibdata.generate(two(policies=named), "named")

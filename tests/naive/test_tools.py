@@ -180,7 +180,7 @@ OTHER = {
         {"start": {"burn_in": [3, 9]}},
         r"q: start: found \{'burn_in': \[3, 9\]\}, expected 'default'",
     ),
-    "moving": ({"setpoints": {"drifting": [ODD, 70]}}, "found moving setpoints|column latent_drift_rate"),
+    "moving": ({"setpoints": {"drifting": [ODD, 70]}}, "q: setpoints: found 'moving', expected 'constant'"),
 }
 
 
