@@ -52,7 +52,7 @@ class Several(Stored):
             experiments += part.manifest.experiments
         listed = [part.manifest for part in self.parts]
         columns = ((column.name, column.dtype) for column in self.parts[0].info.columns)
-        cells, indices, digests = (self.episodes[name].to_pylist() for name in ("cell", "index", "digest"))
+        cells, indices, digests = (self.episodes[x].to_numpy().tolist() for x in ("cell", "index", "digest"))
         addresses = zip(map(bytes.fromhex, cells), indices, digests, strict=True)
         update = {
             "content_root": content_root(columns, addresses),
