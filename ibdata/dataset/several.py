@@ -18,8 +18,6 @@ from ibdata.dataset.models import Counts, File, Info, ShardEntry, SplitEntry, St
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, excerpt, parameter
 
-ANSWERS = (False, "same-environment", True)  # to whether a dataset can be reproduced, the weakest first
-
 
 class Several(Stored):
     """Datasets of which each goes on with the numbers of episodes, shards and experiments of the one before.
@@ -28,16 +26,14 @@ class Several(Stored):
     """
 
     def __init__(self, parts: Sequence[Stored]) -> None:
-        self.parts: list[Stored] = []
-        for part in parts:
-            self.parts += part.parts if isinstance(part, Several) else [part]
-        _refuse_unlike(self.parts)
+        _refuse_unlike(parts)
+        self.parts = parts
         self._begun: list[tuple[Stored, int, int]] = []  # each dataset, its first shard and first episode
         self._places: list[tuple[Stored, int, int]] = []  # each shard's dataset, number there, first episode
         shards: list[ShardEntry] = []
         experiments: list[dict[str, Any]] = []
         files: dict[str, File] = {}
-        for part in self.parts:
+        for part in parts:
             first = shards[-1].episodes[1] if shards else 0
             self._begun.append((part, len(shards), first))
             for number, shard in enumerate(part.manifest.shards):
@@ -50,8 +46,8 @@ class Several(Stored):
                 path = next(names) if file.path.startswith("meta/experiment") else file.path
                 files[path] = file.model_copy(update={"path": path})
             experiments += part.manifest.experiments
-        listed = [part.manifest for part in self.parts]
-        columns = ((column.name, column.dtype) for column in self.parts[0].info.columns)
+        listed = [part.manifest for part in parts]
+        columns = ((column.name, column.dtype) for column in parts[0].info.columns)
         cells, indices, digests = (self.episodes[x].to_numpy().tolist() for x in ("cell", "index", "digest"))
         addresses = zip(map(bytes.fromhex, cells), indices, digests, strict=True)
         update = {
@@ -62,7 +58,7 @@ class Several(Stored):
             "clipped_actions": sum(one.clipped_actions for one in listed),
             "shards": shards,
             "files": list(files.values()),
-            "reproducible": min((one.reproducible for one in listed), key=ANSWERS.index),
+            "reproducible": min((one.reproducible for one in listed), key=lambda x: (bool(x), x is True)),
             "code": [code for one in listed for code in one.code],
         }
         self.manifest = sealed(listed[0].model_copy(update=update))
@@ -79,10 +75,6 @@ class Several(Stored):
 
     def read(self, path: str) -> bytes:
         return next(part for part in self.parts if path in part.manifest.entries()).read(path)
-
-    def refuse_replaced(self) -> None:
-        for part in self.parts:
-            part.refuse_replaced()
 
     @cached_property
     def info(self) -> Info:

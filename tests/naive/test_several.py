@@ -25,6 +25,7 @@ PLAIN = {
 }
 OTHER = {"seed": 1, "policies": ["safe", "expert"]}
 FIRST = range(12)  # the episodes of the first dataset
+IN_C = np.array([3, 4, 5, 9, 10, 11])  # the episodes at setpoint 70
 HIDDEN = {"observe": "markov", "reward_scale": 0.01}  # which leaves out the last row of an episode
 
 
@@ -226,13 +227,16 @@ def test_splits_of_one_name_are_joined(pair, tmp_path):
     assert dict(ds.splits["test"]) == {"episodes": 8, "rows": 160, "declared": True}
     ibdata.split(b, "policy")
     ibdata.split(b, "episode", fractions=[0.5, 0.5], prefix="x")
-    c = made(tmp_path / "c", seed=2, splits={"x-train": {"setpoint": 70}})
-    both = ibdata.open([c, ibdata.open(b)])
+    c = made(tmp_path / "c", seed=2, steps=5, splits={"x-train": {"setpoint": 70}})
     assert {name: split["episodes"] for name, split in ds.splits.items()}["expert"] == 6
-    assert both.splits["x-train"] == {"episodes": 6 + 8, "rows": 280, "declared": False}
-    chosen, own = both.select("x-train").episodes, ibdata.open(b).select("x-train").episodes["episode"]
-    assert chosen["episode"].tolist() == [3, 4, 5, 9, 10, 11, *(12 + own)]
-    assert all(names.count("x-train") == 1 for names in chosen["splits"].map(list))
+    labelled = ibdata.open(b).select("x-train").episodes["episode"]
+    for places, numbers in (([c, b], [*IN_C, *(12 + labelled)]), ([b, c], [*labelled, *(12 + IN_C)])):
+        both = ibdata.open(places)
+        assert both.info["counts"]["steps"] is None
+        assert both.splits["x-train"] == {"episodes": 6 + 8, "rows": 30 + 160, "declared": False}
+        chosen = both.select("x-train").episodes
+        assert chosen["episode"].tolist() == numbers
+        assert all(names.count("x-train") == 1 for names in chosen["splits"].map(list))
 
 
 def test_a_dataset_that_is_replaced_later_is_not_read(tmp_path):
@@ -292,7 +296,7 @@ def test_what_merge_refuses_is_refused(pair, tmp_path):
     """The same dataset twice, a copy of it, one seed twice, another system, and other columns."""
     a, b = pair
     copy = ibdata.split(a, "policy", materialize=tmp_path / "copy")
-    other = {"dynamics": "paper"}, {"start": "uniform"}, {"output": {"latent": False}}
+    other = {"dynamics": "paper"}, {"start": "uniform"}, {"output": {"latent": False}}, {"seed": 0}
     refused = [
         [a, a],
         [b, a.path, a],
@@ -300,7 +304,9 @@ def test_what_merge_refuses_is_refused(pair, tmp_path):
         [a, copy],
         [ibdata.open(pair), b],
     ]
-    refused += [[a, made(tmp_path / f"c{i}", seed=2, steps=5, **changes)] for i, changes in enumerate(other)]
+    refused += [
+        [a, made(tmp_path / f"c{i}", **{"seed": 2, "steps": 5, **changes})] for i, changes in enumerate(other)
+    ]
     for places in refused:
         with pytest.raises(UsageError, match=r"the same episodes are also in|expected .* as in"):
             ibdata.open(places)
