@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +26,7 @@ from ibdata.cli._options import (
 )
 from ibdata.cli._printing import Printed, Result, contents, prints_result
 from ibdata.dataset.tabular import pairs
-from ibdata.errors import UsageError
-from ibdata.tools.split_options import DEFAULT_SCHEME, OPTIONS, SCHEMES
+from ibdata.errors import UsageError, meant
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset
@@ -211,59 +212,13 @@ def merge_command(folders: tuple[Path, ...], out: Path) -> Printed:
     return _made(merge(folders, out))
 
 
-def _fractions(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-    if value is None:
-        return None
-    try:
-        return tuple(float(part) for part in value.split(","))
-    except ValueError:
-        raise click.BadParameter(f"found {value!r}, expected numbers such as 0.8,0.1,0.1") from None
-
-
-def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    pairs = [value.partition("=")[::2] for value in values]
-    for value, (split, name) in zip(values, pairs, strict=True):
-        if not (split and name):
-            raise click.BadParameter(f"found {value!r}, expected two names such as source=at-50")
-    return dict(pairs)
-
-
 @click.command("split")
 @folder_argument
+@click.argument("splits", metavar="[NAME=SPLIT]…", nargs=-1)
 @click.option(
     "--by",
-    type=click.Choice(list(OPTIONS)),
-    help="The property that decides the split of an episode.",
-)
-@click.option(
-    "--scheme",
-    type=click.Choice(list(SCHEMES)),
-    help=f"By setpoint: how to split the setpoints; default {DEFAULT_SCHEME}.",
-)
-@click.option("--source", type=float, multiple=True, metavar="P", help="A source setpoint; may be repeated.")
-@click.option("--target", type=float, multiple=True, metavar="P", help="A target setpoint; may be repeated.")
-@click.option("--shots", type=int, metavar="N", help="Episodes per policy and target setpoint; default: all.")
-@click.option("--transitions", type=int, metavar="N", help="Like --shots, but a number of rows.")
-@click.option(
-    "--within",
-    type=float,
-    metavar="D",
-    help="With --scheme distance: the largest distance of a near setpoint from the source.",
-)
-@click.option(
-    "--fractions",
-    callback=_fractions,
-    metavar="F,F,…",
-    help="By episode: the shares of train, validation and test, or of train and test; default 0.8,0.1,0.1.",
-)
-@click.option("--prefix", metavar="NAME", help="Name the new splits NAME-source, NAME-target, …")
-@click.option(
-    "--name",
-    "names",
-    callback=_names,
-    multiple=True,
-    metavar="SPLIT=NAME",
-    help="Name one of the new splits, e.g. --name source=at-50; may be repeated.",
+    type=click.Choice(["transfer", "leave-one-out", "episode", "policy"]),
+    help="Make the splits of a scheme, whose arguments take the place of NAME=SPLIT.",
 )
 @click.option("--remove", multiple=True, metavar="NAME", help="Remove this split; may be repeated.")
 @click.option("--list", "as_list", is_flag=True, help="Print the splits, and change nothing.")
@@ -274,29 +229,70 @@ def _names(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) 
     help="Write a copy to OUT in which each split has its own files.",
 )
 @prints_result
-def split_command(folder: Path, as_list: bool, **options: Any) -> Printed:
+def split_command(
+    folder: Path, splits: tuple[str, ...], by: str | None, as_list: bool, **options: Any
+) -> Printed:
     """Split a dataset: label its episodes, or write a copy in which every split has its own files.
 
+    A SPLIT is YAML, as in an experiment; NAME.KEY=VALUE sets one of its conditions. A split of the same name
+    that was made so before is replaced.
+
     \b
-    ibdata split data/random --by setpoint --source 50 --target 70
-    ibdata split data/random --by setpoint --scheme leave-one-out --prefix fold
-    ibdata split data/many --by episode --fractions 0.7,0.3
+    ibdata split data/random 'calm={setpoint: [10, 20]}' windy.setpoint=70
+    ibdata split data/many --by transfer source=50 target=70 shots=2
+    ibdata split data/many --by leave-one-out
+    ibdata split data/many --by episode 'fractions=[0.7, 0.3]'
+    ibdata split data/many --by policy
     ibdata split data/many --list
     ibdata split data/many --remove test
     ibdata split data/many --materialize data/many-files
     """
-    from ibdata.dataset.dataset import Dataset
+    from ibdata.dataset.dataset import Dataset, to_write
 
+    if "=" in str(folder) and not folder.exists():
+        raise click.UsageError(f"found {str(folder)!r} first, expected DIR before it")
     if as_list:
-        for option, value in options.items():
-            if value not in (None, (), {}):
-                name = "name" if option == "names" else option
-                raise click.UsageError(f"--list changes nothing, but found --{name} too; give one of them")
+        if splits or by or any(options.values()):
+            raise click.UsageError("--list changes nothing, but found more; give one of them")
         return _splits(Dataset(folder), {})
     from ibdata.tools.split import split
+    from ibdata.tools.split_schemes import SCHEMES
 
-    before = {} if options["materialize"] else Dataset(folder).stored.splits
-    return _splits(split(folder, **options), before)
+    given, dataset = _assigned(splits), to_write(folder)
+    if by:
+        known = [*inspect.signature(SCHEMES[by]).parameters][1:]
+        for name in given:
+            if name not in known:
+                expected = meant(name, known) if known else ", expected nothing more"
+                raise UsageError(f"split by {by}: found {name!r}{expected}")
+        given = SCHEMES[by](dataset, **given)
+    before = {} if options["materialize"] else dataset.stored.splits
+    return _splits(split(dataset, given, **options), before)
+
+
+def _assigned(words: Sequence[str]) -> dict[str, Any]:
+    """The values of words NAME=VALUE and NAME.KEY=VALUE."""
+    from ibdata.experiment.yaml import Document, StrictYamlError
+
+    for word in words:
+        if not re.fullmatch(r"[^.=]+(\.[^.=]+){0,2}=.*", word, re.DOTALL):
+            quoted = "'calm={setpoint: [10, 20]}'"
+            raise UsageError(f"split: found {word!r}, expected NAME=SPLIT, in quotes such as {quoted}")
+    assigned: dict[str, Any] = {}
+    for word in words:
+        name, _, text = word.partition("=")
+        *parents, key = name.split(".")
+        try:
+            value = Document(text).data
+        except StrictYamlError as error:
+            raise UsageError(f"split {name}: {error.message}") from None
+        place: Any = assigned
+        for part in parents:
+            place = place.setdefault(part, {}) if isinstance(place, dict) else None
+        if not isinstance(place, dict) or key in place:
+            raise UsageError(f"split {name}: found twice, expected once, with several values as [10, 20]")
+        place[key] = value
+    return assigned
 
 
 def _splits(dataset: Dataset, before: Mapping[str, Any]) -> Printed:
@@ -306,7 +302,7 @@ def _splits(dataset: Dataset, before: Mapping[str, Any]) -> Printed:
     removed = [name for name in before if name not in now]
     taken_away = {"replaced": replaced, "removed": removed}
     lines = [f"removed the split {name}" for name in removed]
-    lines += [f"replaced the split {name}; --prefix or --name keeps both" for name in replaced]
+    lines += [f"replaced the split {name}; another name keeps both" for name in replaced]
     width = max(map(len, splits), default=0)
     for name, split in splits.items():
         kind = "whole files" if split["declared"] else "labels"

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from pydantic import ValidationError
+from pydantic import ValidationError, ValidationInfo, model_validator
 
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
-from ibdata.errors import DatasetError, printable
-from ibdata.experiment.fields import EpisodeRange, Split
+from ibdata.errors import DatasetError, Loc, Problems, printable
+from ibdata.experiment.fields import EpisodeRange, Split, SplitName
+from ibdata.experiment.messages import Problem, refusals
 from ibdata.experiment.models import Experiment
+from ibdata.policies.base import FrozenModel
 from ibdata.policies.code import Acting
 from ibdata.policies.network import Network
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
@@ -46,6 +49,31 @@ class Run(NamedTuple):
     first: int
     stop: int
     steps: int
+
+
+class NamedSplits(FrozenModel):
+    """Splits of a finished dataset, by name."""
+
+    splits: dict[SplitName, Split]
+
+    @model_validator(mode="after")
+    def _check(self, info: ValidationInfo) -> NamedSplits:
+        """Check that each has episodes of the dataset in the context, whose experiments may differ."""
+        spec: DatasetSpec = (info.context or {})["spec"]
+        problems: list[tuple[Loc, str]] = []
+        for name, split in self.splits.items():
+            sizes = spec.sizes(split)
+            # So many episodes are in each cell; a range may be in some.
+            size = (min if isinstance(split.episodes, int) else max)(sizes or [sys.maxsize])
+            found = list(split.unfit(spec.setpoints, spec.labels, size))
+            if not (sizes or found):
+                found.append(("policy", "found no episodes of this policy at this setpoint, expected some"))
+            problems += [(("splits", name, key), problem) for key, problem in found]
+        if not problems:
+            problems = [problem for each in spec.experiments for problem in each.shared(self.splits)]
+        if problems:
+            raise Problems(problems)
+        return self
 
 
 def fitting(split: Split, experiment: Experiment) -> Split | None:
@@ -142,6 +170,11 @@ class DatasetSpec:
         return list(dict.fromkeys(label for experiment in self.experiments for label in experiment.labels))
 
     @property
+    def setpoints(self) -> list[float]:
+        """The setpoints, in ascending order."""
+        return sorted({cell.setpoint for experiment in self.experiments for cell in experiment.cells})
+
+    @property
     def licences(self) -> list[str]:
         """The licences of the experiments, in order."""
         return list(dict.fromkeys(experiment.licence for experiment in self.experiments))
@@ -174,6 +207,26 @@ class DatasetSpec:
     def rows_in(self, shards: Iterable[Shard]) -> int:
         """The number of transitions in some of the shards."""
         return sum((shard.stop - shard.first) * self.experiments[shard.experiment].steps for shard in shards)
+
+    def sizes(self, split: Split) -> list[int]:
+        """The episodes of a cell in each experiment that has cells of a split."""
+        return [
+            experiment.episodes
+            for experiment in self.experiments
+            if any(split.selects(cell.setpoint, cell.label) for cell in experiment.cells)
+        ]
+
+    def checked(self, splits: Mapping[str, Any]) -> dict[str, Split]:
+        """Splits of this dataset, from plain data or as they are.
+
+        Raises ConfigError for one that is not valid, names what no experiment has, or shares episodes.
+        """
+
+        def line(problem: Problem) -> str:
+            return f"split {problem._replace(loc=problem.loc[1:]).text}"
+
+        with refusals({"splits": splits}, NamedSplits, line) as given:
+            return NamedSplits.model_validate(given, context={"spec": self}).splits
 
     def later_runs(self) -> dict[str, list[Run]]:
         """The episodes of each later split."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from fractions import Fraction
 from functools import cached_property
 from typing import Annotated, Any, Literal
@@ -12,13 +12,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from ibdata._numerics.naming import NAME_PATTERN, decimal, exact
-from ibdata.errors import excerpt, suggestion
+from ibdata._numerics.naming import NAME_PATTERN, counted, decimal, exact
+from ibdata.errors import excerpt, meant, suggestion
 from ibdata.policies.base import FROM_FLOAT, FrozenModel
 
 LICENCE = "CC-BY-4.0"  # the licence where an experiment names none
 LICENCE_PATTERN = r"^[A-Za-z0-9(][A-Za-z0-9.+() -]{0,198}[A-Za-z0-9.+)]$"
 MAX_SETPOINTS = 10_000
+MOST_SHOWN = 10  # setpoints in a message
 SHARE_PATTERN = r"^(first|last) ([1-9][0-9]?) ?%$"
 
 
@@ -205,6 +206,9 @@ class EpisodeRange(FrozenModel):
     stop: EpisodeIndex = Field(description="the last")
 
 
+Unfit = tuple[str, str]  # a key of a split, and what is wrong with its value
+
+
 class Split(FrozenModel):
     """The episodes that meet all of these conditions."""
 
@@ -220,8 +224,8 @@ class Split(FrozenModel):
         Annotated[
             Annotated[Annotated[int, Field(strict=True, ge=1), FROM_FLOAT], Tag("<number>")]
             | Annotated[EpisodeRange, Tag("<mapping>")]
-            | Annotated[str, Field(pattern=SHARE_PATTERN), Tag("<word>")],
-            by_type("<number>", "<mapping>", "<word>"),
+            | Annotated[str, Field(pattern=SHARE_PATTERN), BeforeValidator(str), Tag("<word>")],
+            by_type("<word>", "<number>", "<mapping>"),
         ]
         | None
     ) = Field(
@@ -246,6 +250,24 @@ class Split(FrozenModel):
         """Whether the split selects episodes of the cell with this setpoint and this policy label."""
         has_setpoint = self.setpoints is None or setpoint in self.setpoints
         return has_setpoint and (self.labels is None or label in self.labels)
+
+    def unfit(self, setpoints: Collection[float], labels: Collection[str], episodes: int) -> Iterator[Unfit]:
+        """The problems, by key, of a split of cells with these setpoints and labels and so many episodes."""
+        known = ", ".join(map(exact, sorted(setpoints)[:MOST_SHOWN]))
+        more = ", …" if len(setpoints) > MOST_SHOWN else ""
+        for setpoint in self.setpoints or ():
+            if setpoint not in setpoints:
+                yield "setpoint", f"found {exact(setpoint)}, expected one of the setpoints {known}{more}"
+        for label in self.labels or ():
+            if label not in labels:
+                yield "policy", f"found {label!r}{meant(label, labels)}"
+        indices = self.indices(episodes)
+        if isinstance(self.episodes, str) and not indices:
+            problem = f"which is none of {counted(episodes, 'episode')}, expected at least one"
+            yield "episodes", f"found {self.episodes}, {problem}"
+        elif not indices or indices.stop > episodes:
+            found = f"found episodes {indices.start} to {indices.stop - 1}"
+            yield "episodes", f"{found}, expected some of 0 to {episodes - 1}"
 
     def indices(self, episodes: int) -> range:
         """The indices of the selected episodes in a cell of so many episodes.

@@ -15,8 +15,8 @@ from pydantic import (
     model_validator,
 )
 
-from ibdata._numerics.naming import counted, exact, unequal
-from ibdata.errors import Loc, Problems, meant
+from ibdata._numerics.naming import unequal
+from ibdata.errors import Loc, Problems
 from ibdata.experiment.fields import (
     LICENCE,
     EpisodeCount,
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 MAX_SHARDS = 10_000_000
+SPLITS_REMEDY = "; change it, or leave out all splits by the override splits={}"
 
 
 class Experiment(FrozenModel):
@@ -188,35 +189,16 @@ class Experiment(FrozenModel):
                 message = f"found the same policy as policies.{forms.index(form)}; remove one of the two"
                 problems.append((("policies", i), message))
         for name, split in self.splits.items():
-            for key, problem in self._unknown_in(split, set(setpoints)):
-                problems.append((("splits", name, key), problem))
-        if problems := problems or list(self._shared_episodes()):
+            for key, problem in split.unfit(set(setpoints), self.labels, self.episodes):
+                remedy = SPLITS_REMEDY if key == "episodes" else ""
+                problems.append((("splits", name, key), f"{problem}{remedy}"))
+        if problems := problems or list(self.shared(self.splits)):
             raise Problems(problems)
         return self
 
-    def _unknown_in(self, split: Split, setpoints: set[float]) -> Iterator[tuple[str, str]]:
-        """The problems of a split that names what the experiment lacks, by key."""
-        for setpoint in split.setpoints or ():
-            if setpoint not in setpoints:
-                yield "setpoint", f"found {exact(setpoint)}, expected one of the setpoints of the experiment"
-        for label in split.labels or ():
-            if label not in self.labels:
-                yield "policy", f"found {label!r}{meant(label, self.labels)}"
-        indices = split.indices(self.episodes)
-        remedy = "leave out all splits by the override splits={}"
-        if isinstance(split.episodes, str) and not indices:
-            problem = f"which is none of {counted(self.episodes, 'episode')}, expected at least one"
-            yield "episodes", f"found {split.episodes}, {problem}; set more episodes, or {remedy}"
-        elif not indices or indices.stop > self.episodes:
-            yield (
-                "episodes",
-                f"found episodes {indices.start} to {indices.stop - 1}, expected some of 0 to "
-                f"{self.episodes - 1}; change it, or {remedy}",
-            )
-
-    def _shared_episodes(self) -> Iterator[tuple[Loc, str]]:
+    def shared(self, splits: Mapping[str, Split]) -> Iterator[tuple[Loc, str]]:
         """The pairs of splits that share episodes without `overlap: true`, as problems of the second one."""
-        disjoint = {name: split for name, split in self.splits.items() if not split.overlap}
+        disjoint = {name: split for name, split in splits.items() if not split.overlap}
         if len(disjoint) < 2:
             return
         pairs = {pair for _, _, names in self.segments(disjoint) for pair in combinations(names, 2)}

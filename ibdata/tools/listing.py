@@ -17,7 +17,6 @@ from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import DatasetError, IbdataError, UsageError, hidden
 from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
-from ibdata.experiment.split_schemes import setpoints
 from ibdata.generation.record import Record
 
 COLUMNS = ("dataset", "rows", "bytes", "setpoints", "policies", "content", "state")
@@ -167,7 +166,7 @@ def _unfinished(run: Run) -> Listed:
 def _of(
     path: Path | str, spec: DatasetSpec, state: str, rows: int | None, root: str | None, total: int
 ) -> Listed:
-    return Listed(path, state, spec.name, rows, setpoints(spec), spec.labels, total, root)
+    return Listed(path, state, spec.name, rows, spec.setpoints, spec.labels, total, root)
 
 
 def _size(files: Storage) -> int:

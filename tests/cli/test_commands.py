@@ -153,20 +153,20 @@ def made(made_at, tmp_path):
 
 
 def test_what_is_replaced_or_removed_is_said(made, run):
-    few = ("split", "d", "--by", "setpoint", "--source", "50", "--target", "70", "--prefix", "few")
-    assert run(*few, "--shots", "1") == (
+    few = ("split", "d", "--by", "transfer", "source=50", "target=70")
+    assert run(*few, "shots=1") == (
         0,
-        "low              12 rows in 4 episodes (whole files)\n"
-        "few-source       12 rows in 4 episodes (labels)\n"
-        "few-target       6 rows in 2 episodes (labels)\n"
-        "few-target-rest  6 rows in 2 episodes (labels)\n",
+        "low          12 rows in 4 episodes (whole files)\n"
+        "source       12 rows in 4 episodes (labels)\n"
+        "target       6 rows in 2 episodes (labels)\n"
+        "target-rest  6 rows in 2 episodes (labels)\n",
         "",
     )
-    ibdata.split("d", by="policy", names={"safe": "careful"})
+    ibdata.split("d", {"random": {"policy": "random"}, "careful": {"policy": "safe"}})
     assert run(*few, "--remove", "random")[1].splitlines()[:3] == [
-        "removed the split few-target-rest",
+        "removed the split target-rest",
         "removed the split random",
-        "replaced the split few-target; --prefix or --name keeps both",
+        "replaced the split target; another name keeps both",
     ]
     taken = json.loads(run("split", "d", "--remove", "careful", "--json")[1])["taken_away"]
     assert taken == {"removed": ["careful"]}
@@ -175,8 +175,8 @@ def test_what_is_replaced_or_removed_is_said(made, run):
 def test_the_list_changes_nothing_and_takes_no_other_option(made, run):
     before = ibdata.open("d").stored.splits
     assert run("split", "d", "--list")[:2] == (0, "low  12 rows in 4 episodes (whole files)\n")
-    code, out, err = run("split", "d", "--list", "--shots", "1")
+    code, out, err = run("split", "d", "--list", "a.setpoint=50")
     assert (code, out) == (2, "")
-    assert "--list changes nothing, but found --shots too" in err
+    assert "--list changes nothing, but found more" in err
     assert ibdata.open("d").stored.splits == before
-    assert "expected two names such as source=at-50" in run("split", "d", "--by", "policy", "--name", "x")[2]
+    assert "expected NAME=SPLIT, in quotes such as 'calm={" in run("split", "d", "x")[2]

@@ -105,13 +105,17 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
         {"folder": DATA, "episodes": 3, "allow_code": True},
     ),
     (
-        "split $D --by setpoint --scheme distance --source 1 --source 2 --target 3 --shots 4 --transitions 5"
-        " --within 6 --fractions .5,.5 --prefix p --name a=b --name c=d --remove e --remove f"
-        " --materialize o",
+        "split $D a.setpoint=1 b.policy=[safe,random] a.episodes=2 --remove e --remove f --materialize o",
         "ibdata.tools.split.split",
-        {"folder": DATA, "by": "setpoint", "scheme": "distance", "source": (1.0, 2.0), "target": (3.0,),
-         "shots": 4, "transitions": 5, "within": 6.0, "fractions": [0.5, 0.5], "prefix": "p",
-         "names": {"a": "b", "c": "d"}, "remove": ("e", "f"), "materialize": "o"},
+        {"dataset": DATA,
+         "splits": {"a": {"setpoint": 1, "episodes": 2}, "b": {"policy": ["safe", "random"]}},
+         "remove": ("e", "f"), "materialize": "o"},
+    ),
+    (
+        "split $D --by transfer source=20 target=70",
+        "ibdata.tools.split.split",
+        {"dataset": DATA, "remove": (), "materialize": None,
+         "splits": {"source": {"setpoint": 20}, "target": {"setpoint": 70}, "target-rest": None}},
     ),
     ("split $D --list", "ibdata.dataset.dataset.Dataset.splits", {}),
     ("stats $D", "ibdata.dataset.dataset.Dataset.statistics", {}),

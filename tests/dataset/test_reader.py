@@ -143,7 +143,7 @@ def test_files_may_be_links_as_in_the_cache_of_the_hub(dataset, tmp_path):
     before = (stored / "meta/splits.json").read_bytes()
     assert ibdata.validate(linked) == ibdata.repair(linked, workers=1) == []
     assert ibdata.open(linked).table().equals(dataset.table())
-    assert "random" in ibdata.split(linked, by="policy").splits
+    assert "random" in ibdata.split(linked, {"random": {"policy": "random"}}).splits
     assert (stored / "meta/splits.json").read_bytes() == before
 
 

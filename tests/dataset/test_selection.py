@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.splits import by_policy
 
 import ibdata
 from ibdata.errors import UsageError
@@ -25,15 +26,15 @@ SELECTIONS = [
 def labelled(declared, made_at, tmp_path_factory):
     """The dataset of the other tests with splits that are labels, beside those that are files."""
     made = made_at(declared, tmp_path_factory.mktemp("selection") / "small")
-    return ibdata.split(made.path, by="policy")
+    return ibdata.split(made.path, by_policy("random", "calm"))
 
 
 @pytest.fixture(scope="module")
 def one_file(describe, made_at, tmp_path_factory):
     """The same episodes in one file, in which those of a selection lie apart; all splits are labels."""
     made = made_at(describe(output={"latent": "next"}), tmp_path_factory.mktemp("selection") / "one")
-    ibdata.split(made.path, "setpoint", source=[20], target=[70], shots=2)
-    return ibdata.split(made.path, by="policy")
+    ibdata.split(made.path, {"source": {"setpoint": 20}, "target": {"setpoint": 70, "episodes": 2}})
+    return ibdata.split(made.path, by_policy("random", "calm"))
 
 
 def by_hand(dataset, setpoint=None, policy=None, split=None, episodes=None, returns=(None, None)):
@@ -102,7 +103,7 @@ def test_a_setpoint_that_float32_cannot_hold_is_found_and_joined(describe, made_
     with pytest.raises(UsageError, match=r"found 20.3, expected one of 20.1, 70"):
         dataset.select(setpoint=20.3)
     assert {r["setpoint"] for r in dataset.returns()["results"]} == {20.1, 70.0}
-    split = ibdata.split(dataset.path, "setpoint", source=[70], target=[20.1])
+    split = ibdata.split(dataset.path, {"source": {"setpoint": 70}, "target": {"setpoint": 20.1}})
     assert (split.splits["target"]["rows"], ibdata.validate(split)) == (240, [])
 
 

@@ -111,8 +111,9 @@ def test_a_dataset_that_is_open_reads_splits_that_were_made_since(tmp_path):
     """Else episodes of a test split would be in the train split of before."""
     plain = {"name": "s", "setpoints": 20, "policies": ["random"], "episodes": 10, "steps": 5}
     ds = ibdata.generate(plain, tmp_path / "s", workers=1)
-    for fractions, train in (([0.8, 0.2], 8), ([0.5, 0.5], 5), ([0.9, 0.1], 9)):
-        ibdata.split(ds if train != 9 else ds.path, by="episode", fractions=fractions)
+    for train in (8, 5, 9):
+        splits = {"train": {"episodes": f"first {train}0%"}, "test": {"episodes": f"last {10 - train}0%"}}
+        ibdata.split(ds if train != 9 else ds.path, splits)
         assert ds.splits["train"]["episodes"] == train
         assert sum(names.tolist() == ["train"] for names in ds.episodes["splits"]) == train
         seen = set(ds.arrays(split="train")["episode"]), set(ds.arrays(split="test")["episode"])

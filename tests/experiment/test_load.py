@@ -31,7 +31,7 @@ REFUSED = {
 }
 # Problems of several values together, and of the dynamics, which the JSON Schema does not see.
 TOGETHER = re.compile(
-    "in this order|of the experiment$|expected some of|splits.a.policy: found '|shares episodes| twice|"
+    "in this order|one of the setpoints|expected some of|splits.a.policy: found '|shares episodes| twice|"
     "below start|more than 10000|the same policy|in a base|expected it to be"
 )
 HOSTILE = ["", "..", "a/b", "a\\b", "-rf", "_a", "a.b", "a b", "a\n", "a\0", "\u0430", "a\u202eb", "a" * 65]
@@ -89,7 +89,7 @@ WHOLE_FILES = {
     "name: x\nsetpoints: [70, 70]\npolicies: [safe, safe]\nsplits: {a: {setpoint: 71}, b: {episodes: 9}}": [
         "2:12: setpoints: found 70 twice, expected each setpoint once",
         "3:18: policies.1: found the same policy as policies.0; remove one of the two",
-        "4:24: splits.a.setpoint: found 71, expected one of the setpoints of the experiment",
+        "4:24: splits.a.setpoint: found 71, expected one of the setpoints 70",
         "4:43: splits.b.episodes: found episodes 0 to 8, expected some of 0 to 0; change it, or leave "
         "out all splits by the override splits={}",
     ],

@@ -10,7 +10,7 @@ from helpers.folders import contents
 
 pytestmark = pytest.mark.faults
 NOBODY = 65534
-SPLIT = ["split", "--by", "episode", "--fractions", "0.5,0.5"]
+SPLIT = ["--by", "episode", "fractions=[0.5, 0.5]"]
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_read_only_folders(forks, tools, open_folder):
         assert answer.code == code, answer
         assert tools.one_line(answer.output), answer.output
     assert forks.run(*tools.args(config, old), user=user).code == 0
-    for args in (["card", old], ["repair", old], [*SPLIT, old]):
+    for args in (["card", old], ["repair", old], ["split", old, *SPLIT]):
         answer = forks.run(*args, user=user)
         assert answer.code in (0, 1, 2), answer
         assert answer.code == 0 or tools.one_line(answer.output), answer.output
@@ -58,7 +58,8 @@ def test_links_in_a_dataset_are_not_written_through(forks, tools, name):
     (out / name).rename(elsewhere)
     (out / name).symlink_to(elsewhere)
     before = elsewhere.read_bytes()
-    for args in ([*SPLIT, out], ["card", out], ["repair", out], tools.args(tools.tiny, out, "--overwrite")):
+    overwriting = tools.args(tools.tiny, out, "--overwrite")
+    for args in (["split", out, *SPLIT], ["card", out], ["repair", out], overwriting):
         answer = forks.run(*args)
         assert answer.code == 0, answer
         assert elsewhere.read_bytes() == before

@@ -34,9 +34,9 @@ CASES = {
     ),
     "a copy": Case(
         [NEW.replace("/out", "/1")],
-        "split {base}/1 --by episode --fractions 0.5,0.5 --materialize {base}/out",
+        "split {base}/1 --by episode fractions=[0.5,0.5] --materialize {base}/out",
     ),
-    "labels": Case([NEW], "split {base}/out --by episode --fractions 0.5,0.5"),
+    "labels": Case([NEW], "split {base}/out --by episode fractions=[0.5,0.5]"),
     "a card": Case([NEW], "card {base}/out"),
 }  # fmt: skip
 MOVES = ("a replacement by two renames",)  # of its faults, only those of the last operations are of interest

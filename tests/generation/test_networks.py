@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from helpers import networks
+from helpers.splits import by_policy
 
 import ibdata
 from ibdata.dataset import manifest
@@ -37,7 +38,7 @@ def test_a_dataset_carries_its_weights_and_needs_no_other(learned):
     for lost in ("data/*-00001-*.parquet", "meta/statistics.json"):
         next(made.path.glob(lost)).unlink()
     assert len(ibdata.repair(made.path)) == 2
-    copy = ibdata.split(made.path, "policy", materialize="copy")
+    copy = ibdata.split(made.path, by_policy("network", "gaussian"), materialize="copy")
     assert ibdata.validate(made.path) == ibdata.validate(copy.path) == []
     (copy.path / path).unlink()
     with pytest.raises(DatasetError, match=r"weights cannot be made again; .* there, then repair"):

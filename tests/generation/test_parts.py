@@ -56,9 +56,12 @@ def test_parts_do_not_change_a_dataset(experiment, small_parts, monkeypatch, tmp
 
 
 PART = 400  # rows
+RANDOM = {"random": {"policy": "random"}}
 USES = {
     "validate": ibdata.validate,
-    "materialize": lambda folder: ibdata.split(folder, by="policy", materialize=folder.parent / "copy"),
+    "materialize": lambda folder: ibdata.split(
+        folder, {"random": {"policy": "random"}}, materialize=folder.parent / "copy"
+    ),
     "repair": lambda folder: ((folder / "meta/statistics.json").unlink(), ibdata.repair(folder, workers=1)),
     "reproduce": ibdata.reproduce,
 }

@@ -10,12 +10,13 @@ from helpers.folders import contents
 
 import ibdata
 from ibdata.errors import UsageError
+from ibdata.tools.split_schemes import leave_one_out
 
 WRITERS = {
     "generate": lambda out: ibdata.generate(TINY, out, workers=1),
     "overwrite": lambda out: ibdata.generate(TINY, out, workers=1, overwrite=True),
     "shards": lambda out: ibdata.generate(TINY, out, shards="1/1", workers=1),
-    "materialize": lambda out: ibdata.split("../a", "setpoint", scheme="leave-one-out", materialize=out),
+    "materialize": lambda out: ibdata.split("../a", leave_one_out(ibdata.open("../a")), materialize=out),
 }
 REFUSED = {
     "current": (".", "is the current folder or around it"),

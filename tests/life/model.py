@@ -12,7 +12,7 @@ NAMES = {"episode": {"train", "test"}, "policy": {"random", "safe"}}  # of the s
 
 def options(by: str) -> list[str]:
     """Those of the command `split`."""
-    return ["--by", by, *(["--fractions", "0.5,0.5"] if by == "episode" else [])]
+    return ["--by", by, *(["fractions=[0.5, 0.5]"] if by == "episode" else [])]
 
 
 Made = tuple[str, str | None, frozenset[str]]  # a dataset: its content, experiment and splits

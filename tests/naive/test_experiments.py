@@ -29,7 +29,7 @@ TAKING = {  # every function that takes a dataset
     "reproduce": ibdata.reproduce,
     "repair": ibdata.repair,
     "card": card,
-    "split": lambda ds: ibdata.split(ds, "setpoint"),
+    "split": lambda ds: ibdata.split(ds, {"all": {}}),
     "merge": lambda ds: ibdata.merge([ds, ds], "merged"),
     "export": lambda ds: ibdata.export(ds, "npz", "out.npz"),
     "plot": lambda ds: plot(ds, "summary"),

@@ -1,4 +1,4 @@
-"""What people do with whole datasets in a normal year: split, merge, repair, card; twice and in turn."""
+"""What people do with whole datasets in a normal year: merge, repair, card; twice and in turn."""
 
 import json
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.folders import contents
+from helpers.splits import BY_POLICY, HALVES
 from ruamel.yaml import YAML
 
 import ibdata
@@ -46,101 +47,6 @@ def whole_rows_are_called(dataset):
     return files["split"]
 
 
-# Split.
-
-
-def test_after_a_split_train_is_not_everything_for_hugging_face(ds):
-    """`load_dataset(DIR, split="train")` would give the rows of `test`, too."""
-    assert whole_rows_are_called(ds) == "train"
-    split = ibdata.split(ds, "episode", fractions=[0.5, 0.5])
-    assert whole_rows_are_called(split) == "everything"
-    assert "| train | 8 | 40 |\n| test | 8 | 40 |\n" in card_of(split)
-    assert whole_rows_are_called(ibdata.split(ds, remove=["train", "test"])) == "train"
-
-
-def test_splitting_twice_is_splitting_once(ds):
-    """The same files, and after the splits are removed the files of before."""
-    before = contents(ds.path)
-    ibdata.split(ds, "setpoint", source=ODD, target=70, shots=1)
-    once = contents(ds.path)
-    ibdata.split(ds, "setpoint", source=ODD, target=70, shots=1)
-    assert contents(ds.path) == once != before
-    ibdata.split(ds, remove=list(ds.splits))
-    assert contents(ds.path) == before
-
-
-def test_setpoints_of_the_table_of_episodes_are_split(ds):
-    """`split(ds, "setpoint", source=ds.episodes.setpoint.min(), …)`, as numbers and as lists."""
-    low, high = ds.episodes["setpoint"].min(), ds.episodes["setpoint"].unique()[1:]
-    split = ibdata.split(ds, "setpoint", source=low, target=high)
-    assert {name: each["episodes"] for name, each in split.splits.items()} == {"source": 8, "target": 8}
-
-
-def test_splits_made_in_another_order_hold_the_same_episodes(ds, tmp_path):
-    """By policy and then by episode, or the reverse."""
-    other = made(tmp_path / "q")
-    for dataset, order in ((ds, ("policy", "episode")), (other, ("episode", "policy"))):
-        for by in order:
-            ibdata.split(dataset, by, **({"fractions": [0.5, 0.5]} if by == "episode" else {}))
-    assert ds.splits.keys() == other.splits.keys()
-    for name in ds.splits:
-        assert ds.select(name).inside.tolist() == other.select(name).inside.tolist()
-
-
-def test_an_opened_dataset_sees_splits_that_are_made_later(ds):
-    """In a notebook, `ds` was opened before `ibdata.split` in a terminal."""
-    assert ds.splits == {}
-    ibdata.split(ds.path, by="policy")
-    assert list(ds.splits) == ["random", "safe"]
-    assert len(ds.select("safe")) == len(ds.to_pandas(policy="safe"))
-
-
-def test_what_an_own_text_says_in_the_card_stays_after_a_split(ds):
-    """The text is edited, and the front matter follows the splits."""
-    file = ds.path / "README.md"
-    file.write_text(card_of(ds) + "\n## Mine\n\nFor our paper.\n")
-    ibdata.split(ds, "policy")
-    assert whole_rows_are_called(ds) == "everything"
-    assert card_of(ds).endswith("\n## Mine\n\nFor our paper.\n")
-
-
-def test_a_card_with_another_head_stays_and_split_says_so(ds, capsys):
-    """Nothing of the user's is lost, and nobody believes that the card knows the splits."""
-    mine = card_of(ds).replace("# p\n", "# Our plant\n")
-    (ds.path / "README.md").write_text(mine)
-    ibdata.split(ds, "policy")
-    assert card_of(ds) == mine
-    assert "README.md: found other text than ibdata writes, so it does not name" in capsys.readouterr().err
-
-
-def test_a_copy_in_files_has_the_splits_and_the_rows(ds, tmp_path):
-    """`materialize` of labels: declared splits, one content root, and the labels stay where they were."""
-    ibdata.split(ds, "episode", fractions=[0.5, 0.5])
-    copy = ibdata.split(ds, materialize=tmp_path / "copy")
-    assert copy.content_root == ds.content_root
-    assert [copy.splits[name]["declared"] for name in ("train", "test")] == [True, True]
-    for name in ("train", "test"):
-        assert copy.table(split=name).equals(ds.table(split=name))
-    with pytest.raises(UsageError):
-        ibdata.split(ds, materialize=tmp_path / "copy")
-
-
-def test_a_selection_is_not_split_and_has_no_card(ds):
-    """`ibdata.split(ds.select(policy="safe"), …)` would split the whole dataset."""
-    chosen = ds.select(policy="safe")
-    for call in (lambda: ibdata.split(chosen, "policy"), lambda: ibdata.card(chosen)):
-        with pytest.raises(UsageError, match="found a selection of its episodes, expected the whole dataset"):
-            call()
-
-
-def test_overwriting_drops_the_labels_and_their_card(ds):
-    """Splits belong to a dataset, not to its folder."""
-    ibdata.split(ds, "policy")
-    new = made(ds.path, seed=1)
-    assert new.splits == {}
-    assert whole_rows_are_called(new) == "train"
-
-
 # Merge.
 
 
@@ -159,7 +65,7 @@ def test_a_dataset_is_not_merged_with_itself_or_its_copy(parts, tmp_path):
     """Twice in the list, a part of a merged one, or what `materialize` wrote."""
     a, b, _ = parts
     both = ibdata.merge([a, b], tmp_path / "ab")
-    copy = ibdata.split(a, "policy", materialize=tmp_path / "copy")
+    copy = ibdata.split(a, BY_POLICY, materialize=tmp_path / "copy")
     for folders in ([a, a], [both, b], [a, copy]):
         with pytest.raises(UsageError, match="the same episodes are also in"):
             ibdata.merge(folders, tmp_path / "no")
@@ -202,7 +108,7 @@ def test_one_system_in_other_words_is_merged(ds, tmp_path):
 
 def test_labels_of_merged_datasets_are_their_splits(parts, tmp_path):
     """One with labels and one without: the labels hold the episodes of the first."""
-    labelled = ibdata.split(parts[0], "episode", fractions=[0.5, 0.5], materialize=tmp_path / "a")
+    labelled = ibdata.split(parts[0], HALVES, materialize=tmp_path / "a")
     both = ibdata.merge([labelled, parts[1]], tmp_path / "both")
     assert {name: each["episodes"] for name, each in both.splits.items()} == {"train": 8, "test": 8}
     assert whole_rows_are_called(both) == "everything"
@@ -229,6 +135,33 @@ def test_what_is_merged_is_selected_exported_and_measured_as_its_parts(parts, tm
 # Card, repair, and the rest in turn.
 
 
+def test_after_a_split_train_is_not_everything_for_hugging_face(ds):
+    """`load_dataset(DIR, split="train")` would give the rows of `test`, too."""
+    assert whole_rows_are_called(ds) == "train"
+    split = ibdata.split(ds, HALVES)
+    assert whole_rows_are_called(split) == "everything"
+    assert "| train | 8 | 40 |\n| test | 8 | 40 |\n" in card_of(split)
+    assert whole_rows_are_called(ibdata.split(ds, remove=["train", "test"])) == "train"
+
+
+def test_what_an_own_text_says_in_the_card_stays_after_a_split(ds):
+    """The text is edited, and the front matter follows the splits."""
+    file = ds.path / "README.md"
+    file.write_text(card_of(ds) + "\n## Mine\n\nFor our paper.\n")
+    ibdata.split(ds, BY_POLICY)
+    assert whole_rows_are_called(ds) == "everything"
+    assert card_of(ds).endswith("\n## Mine\n\nFor our paper.\n")
+
+
+def test_a_card_with_another_head_stays_and_split_says_so(ds, capsys):
+    """Nothing of the user's is lost, and nobody believes that the card knows the splits."""
+    mine = card_of(ds).replace("# p\n", "# Our plant\n")
+    (ds.path / "README.md").write_text(mine)
+    ibdata.split(ds, BY_POLICY)
+    assert card_of(ds) == mine
+    assert "README.md: found other text than ibdata writes, so it does not name" in capsys.readouterr().err
+
+
 def without_pictures(dataset):
     raise ImportError("no matplotlib")
 
@@ -240,7 +173,7 @@ def test_a_card_is_written_twice_and_after_every_change(ds, monkeypatch):
     once = contents(ds.path)
     ibdata.card(ds)
     assert contents(ds.path) == once
-    ibdata.split(ds, "policy")
+    ibdata.split(ds, BY_POLICY)
     split = card_of(ds)
     assert "| state action coverage |" in split
     ibdata.card(ds)
@@ -249,7 +182,7 @@ def test_a_card_is_written_twice_and_after_every_change(ds, monkeypatch):
 
 def test_a_repair_keeps_labels_and_is_done_once(ds):
     """After a split: the lost shard comes back with its bytes, and a second repair finds nothing."""
-    ibdata.split(ds, "policy")
+    ibdata.split(ds, BY_POLICY)
     before = contents(ds.path)
     [shard, *_] = (ds.path / "data").iterdir()
     shard.unlink()
@@ -260,7 +193,7 @@ def test_a_repair_keeps_labels_and_is_done_once(ds):
 
 def test_the_same_command_again_finds_the_labelled_dataset(ds):
     """`generate` after `split` opens what is there, with its labels."""
-    ibdata.split(ds, "policy")
+    ibdata.split(ds, BY_POLICY)
     again = ibdata.generate(PLAIN, ds.path, workers=1)
     assert list(again.splits) == ["random", "safe"]
     assert ibdata.reproduce(again) == (16, [])
@@ -269,7 +202,7 @@ def test_the_same_command_again_finds_the_labelled_dataset(ds):
 def test_an_export_is_no_dataset(ds, tmp_path):
     """What `export` wrote is neither opened, merged, split nor valid."""
     place = ibdata.export(ds, "lerobot", tmp_path / "x").path
-    for call in (ibdata.open, lambda x: ibdata.split(x, "policy"), lambda x: ibdata.merge([ds, x], "y")):
+    for call in (ibdata.open, lambda x: ibdata.split(x, BY_POLICY), lambda x: ibdata.merge([ds, x], "y")):
         with pytest.raises(IbdataError, match="no finished dataset here"):
             call(place)
     assert "no finished dataset here" in str(ibdata.validate(place))

@@ -19,7 +19,7 @@ from ibdata._numerics.naming import exact, yaml_name
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import SplitName
-from ibdata.experiment.split_schemes import leave_one_out
+from ibdata.tools.split_schemes import folds
 
 SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)
 WORDS = [
@@ -66,9 +66,9 @@ def test_every_reader_of_yaml_finds_the_names_as_text(reader):
 @tries(60)
 @example([50.0, 50.0000001, 50.0000002, 60.0, 12.5])
 def test_no_two_folds_have_one_name_and_each_may_name_a_split(setpoints):
-    folds = leave_one_out(DatasetSpec.of(described(setpoints=setpoints)))
-    assert len(folds) == 2 * len(setpoints)
-    for name in folds:
+    made = folds(DatasetSpec.of(described(setpoints=setpoints)).setpoints)
+    assert len(made) == 2 * len(setpoints)
+    for name in made:
         assert TypeAdapter(SplitName).validate_python(name) == name
         assert re.fullmatch("(train|test)-[0-9][0-9_e-]*", name)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from helpers.splits import BY_POLICY
 
 import ibdata
 from ibdata import Dataset, Experiment
@@ -52,8 +53,10 @@ def make(tmp_path_factory) -> Make:
 def many(make) -> Dataset:
     """72,000 rows in one file, more than are read at once; splits that overlap."""
     dataset = make(episodes=8, steps=1000)
-    dataset = ibdata.split(dataset.path, "setpoint", source=[20], target=[80], shots=3)
-    return ibdata.split(dataset.path, "policy")
+    dataset = ibdata.split(
+        dataset.path, {"source": {"setpoint": 20}, "target": {"setpoint": 80, "episodes": 3}}
+    )
+    return ibdata.split(dataset.path, BY_POLICY)
 
 
 @pytest.fixture(scope="session")

@@ -85,7 +85,7 @@ def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
     made = ibdata.generate(described(target="mine:Learned", history=2), "out", workers=1, allow_code=True)
     (mine / "imported").unlink()
     assert ibdata.validate("out") == []
-    ibdata.split("out", "setpoint", source=[20], target=[70])
+    ibdata.split("out", {"source": {"setpoint": 20}, "target": {"setpoint": 70}})
     ibdata.open("out").statistics()
     shard = shard_file(mine / "out", 1)
     (mine / "out" / shard).unlink()

@@ -37,7 +37,7 @@ CALLS = {
     "statistics": lambda out: str(ibdata.open(first).statistics()),
     "quality": lambda out: str(ibdata.quality(first)),
     "card": lambda out: len(ibdata.card(first)),
-    "split": lambda out: ibdata.split(first, "episode", fractions=[0.5, 0.5], materialize=out).content_root,
+    "split": lambda out: ibdata.split(first, {"few": {"episodes": 1}}, materialize=out).content_root,
     "repair": lambda out: ibdata.repair(first),
     "reproduce": lambda out: ibdata.reproduce(first)[0],
     "merge": lambda out: ibdata.merge([first, second], out).content_root,

@@ -19,14 +19,15 @@ from ibdata._system import part as parts
 from ibdata._system.part import locked_part
 from ibdata.errors import BusyError, IbdataError
 from ibdata.tools.card import card
+from ibdata.tools.split_schemes import leave_one_out
 
 OTHER = TINY.model_copy(update={"seed": 1})
 WRITERS = {
     "generate": lambda: ibdata.generate(TINY, "new", workers=1),
     "shards": lambda: ibdata.generate(TINY, "new", shards="1/2", workers=1),
     "merge": lambda: ibdata.merge(["a", "b"], "new"),
-    "materialize": lambda: ibdata.split("a", "setpoint", scheme="leave-one-out", materialize="new"),
-    "split": lambda: ibdata.split("a", "setpoint", scheme="leave-one-out"),
+    "materialize": lambda: ibdata.split("a", leave_one_out(ibdata.open("a")), materialize="new"),
+    "split": lambda: ibdata.split("a", leave_one_out(ibdata.open("a"))),
     "card": lambda: card("a"),
     "export": lambda: ibdata.export("a", "npz", "new"),
     "repair": lambda: ibdata.repair("c", workers=1),

@@ -8,12 +8,14 @@ from pathlib import Path
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents
+from helpers.splits import HALVES
 
 import ibdata
 from ibdata.errors import DatasetError
 from ibdata.experiment.catalogue import write_template
 from ibdata.tools.card import card
 from ibdata.tools.listing import datasets_in
+from ibdata.tools.split_schemes import leave_one_out
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +33,7 @@ def test_a_dataset_stays_where_it_was_opened(home, monkeypatch):
     dataset = ibdata.open("d")
     monkeypatch.chdir("..")
     assert len(pickle.loads(pickle.dumps(dataset)).table()) == 20
-    assert ibdata.split(dataset, "episode", fractions=(0.5, 0.5)).place == dataset.place == "d"
+    assert ibdata.split(dataset, HALVES).place == dataset.place == "d"
     assert set(dataset.splits) == {"train", "test"}
 
 
@@ -66,8 +68,8 @@ READING = {
     "export": lambda place: ibdata.export(place, "npz", "out.npz", overwrite=True).left_out,
 }
 WRITING = {
-    "split": lambda place: ibdata.split(place, "episode", fractions=(0.5, 0.5)),
-    "materialize": lambda place: ibdata.split(place, "setpoint", scheme="leave-one-out", materialize="copy"),
+    "split": lambda place: ibdata.split(place, HALVES),
+    "materialize": lambda place: ibdata.split(place, leave_one_out(ibdata.open(place)), materialize="copy"),
     "card": card,
     "repair": ibdata.repair,
 }

@@ -10,6 +10,7 @@ import pytest
 from helpers import ROOT, python
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, part_of, receipts
+from helpers.splits import HALVES
 from ruamel.yaml import YAML
 from same_bits.child import HERE, experiments
 
@@ -130,8 +131,8 @@ def test_what_is_made_of_datasets(tiny):
     """Splits, a merge, copies, exports and a repair."""
     merged = ibdata.merge([each.path for each in tiny], "merged")
     assert len(merged.episodes) == 8
-    ibdata.split("merged", "episode", fractions=(0.5, 0.5))
-    ibdata.split("merged", "episode", fractions=(0.5, 0.5), materialize="copies")
+    ibdata.split("merged", HALVES)
+    ibdata.split("merged", HALVES, materialize="copies")
     assert ibdata.validate("merged") == ibdata.validate("copies") == []
     ibdata.export("merged", "csv", "out.csv")
     assert len(Path("out.csv").read_bytes().splitlines()) == 41

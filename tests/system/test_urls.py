@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.datasets import four_shards_at
 from helpers.folders import contents
+from helpers.splits import HALVES
 from pyarrow.fs import FileSystem
 
 import ibdata
@@ -106,8 +107,8 @@ def test_credentials_in_urls_are_in_no_result(tmp_path, monkeypatch):
 WITHOUT_URLS = {
     "path": lambda url: ibdata.open(url).path,
     "fspath": lambda url: Path(ibdata.open(url)),
-    "materialize": lambda url: ibdata.split("here", "episode", fractions=(0.5, 0.5), materialize=url),
-    "label": lambda url: ibdata.split(url, "episode", fractions=(0.5, 0.5)),
+    "materialize": lambda url: ibdata.split("here", HALVES, materialize=url),
+    "label": lambda url: ibdata.split(url, HALVES),
     "merge": lambda url: ibdata.merge(["here", "other"], url),
     "export": lambda url: ibdata.export("here", to="npz", out=url),
     "plot": lambda url: ibdata.plots.plot("here", out=url),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from helpers.datasets import PLAIN
 from helpers.folders import contents
+from helpers.splits import BY_POLICY, HALVES
 
 import ibdata
 from ibdata.dataset import manifest
@@ -117,12 +118,12 @@ def test_an_edited_file_is_replaced_only_if_that_is_said(plain, tmp_path, monkey
 def test_the_cards_of_generate_repair_and_split_are_replaced(plain, tmp_path, monkeypatch):
     monkeypatch.setattr("ibdata.tools.card.drawn", without_report)
     folder = Path(shutil.copytree(plain.path, tmp_path / "copied"))
-    ibdata.split(folder, by="policy")
+    ibdata.split(folder, BY_POLICY)
     assert card(folder) == [folder / manifest.CARD]
     (folder / manifest.CARD).unlink()
     ibdata.repair(folder, workers=1)
     card(folder)
-    ibdata.split(folder, by="episode", fractions=[0.5, 0.5])
+    ibdata.split(folder, HALVES)
     own = contents(folder)
     card(folder)
     assert contents(folder) == own

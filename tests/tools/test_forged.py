@@ -86,7 +86,7 @@ SPLITS = {
 
 
 def test_splits_that_do_not_follow_are_named(copied):
-    ibdata.split(copied, by="policy", names={"random": "train"})
+    ibdata.split(copied, {"train": {"policy": "random"}, "calm": {"policy": "calm"}})
     path = copied / manifest.SPLITS
     whole = path.read_bytes()
     for change in SPLITS.values():
@@ -117,7 +117,7 @@ def test_a_manifest_that_does_not_follow_is_named(copied, change):
 @pytest.mark.parametrize("name", ["a setpoint less", "other episodes"])
 def test_a_manifest_with_another_plan_is_not_used(copied, name):
     seal(copied, MANIFEST[name])
-    for use in (reproduce, lambda folder: ibdata.split(folder, by="policy")):
+    for use in (reproduce, lambda folder: ibdata.split(folder, {"random": {"policy": "random"}})):
         with pytest.raises(DatasetError, match="see ibdata validate"):
             use(copied)
 

@@ -4,6 +4,7 @@ import shutil
 
 import pytest
 from helpers.folders import part_of, run_of, seal
+from helpers.splits import BY_POLICY
 
 import ibdata
 from ibdata.errors import Interrupted, UsageError
@@ -69,7 +70,7 @@ def test_episodes_of_a_third_dataset_follow_those_of_two(make, tmp_path):
     merged = ibdata.merge([two.path, parts[2].path], tmp_path / "all")
     assert merged.to_pandas()["reward"].tolist() == [x for d in parts for x in d.to_pandas()["reward"]]
     assert merged.to_pandas()["episode"].drop_duplicates().tolist() == list(range(18))
-    split = ibdata.split(merged.path, "setpoint", source=[20], target=[70])
+    split = ibdata.split(merged.path, {"source": {"setpoint": 20}, "target": {"setpoint": 70}})
     assert sorted(set(split.to_pandas(split="target")["episode"])) == [3, 4, 5, 9, 10, 11, 15, 16, 17]
     assert ibdata.validate(split) == []
 
@@ -81,7 +82,7 @@ def test_a_merged_dataset_is_reproduced_whole_and_in_part(merged):
 
 WAYS = {
     "merge": lambda pair, out: ibdata.merge([each.path for each in pair], out),
-    "materialize": lambda pair, out: ibdata.split(pair[1].path, "policy", materialize=out),
+    "materialize": lambda pair, out: ibdata.split(pair[1].path, BY_POLICY, materialize=out),
 }
 
 
@@ -113,7 +114,7 @@ def test_what_was_stopped_goes_on_without_copying_again(pair, monkeypatch, tmp_p
 
 def test_splits_of_one_name_become_one_and_labels_get_files(make, tmp_path):
     a, b = make("a"), make("b", seed=1)
-    ibdata.split(a.path, by="episode", fractions=(2 / 3, 1 / 3))
+    ibdata.split(a.path, {"train": {"episodes": 2}, "test": {"episodes": {"start": 2, "stop": 2}}})
     splits = ibdata.merge([a.path, b.path], tmp_path / "both").splits
     assert {name: split["episodes"] for name, split in splits.items()} == {"low": 6, "train": 4, "test": 2}
     assert all(split["declared"] for split in splits.values())

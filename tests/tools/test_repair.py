@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import PLAIN
 from helpers.folders import contents, seal
+from helpers.splits import BY_POLICY
 
 import ibdata
 from ibdata.dataset import manifest
@@ -114,7 +115,7 @@ def test_a_wrong_value_in_any_column_makes_the_shard_again(copied, file):
 def test_lost_splits_are_those_declared_and_a_line_says_so(copied, capsys):
     path = copied / manifest.SPLITS
     before = path.read_bytes()
-    ibdata.split(copied, by="policy")
+    ibdata.split(copied, BY_POLICY)
     listed = json.loads(path.read_bytes())
     listed["safe"].update(runs=[[0, 6]])
     for damage in (path.unlink, lambda: path.write_text(json.dumps(listed))):

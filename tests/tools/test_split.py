@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import MANY
 from helpers.folders import contents
+from helpers.splits import BY_POLICY, HALVES
 
 import ibdata
 from ibdata.dataset import manifest
@@ -14,8 +15,8 @@ from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import Split
-from ibdata.experiment.split_schemes import by_episode, distance, extrapolation, interpolation, leave_one_out
 from ibdata.tools.rewrite import relabel
+from ibdata.tools.split_schemes import by_episode, leave_one_out, transfer
 
 pytestmark = pytest.mark.portable
 
@@ -41,51 +42,55 @@ def conditions(dataset, name):
 
 
 CASES = {
+    "language": (
+        lambda ds: {"calm": {"setpoint": [50, 30], "policy": "safe"},
+                    "late": {"setpoint": 75, "episodes": "last 40%"}},
+        {"calm": ({30.0, 50.0}, {"safe"}, ALL), "late": ({75.0}, BOTH, {3, 4})},
+    ),
     "shots": (
-        {"by": "setpoint", "source": [50, 30], "target": [75], "shots": 2},
+        lambda ds: transfer(ds, [50, 30], 75, shots=2),
         {"source": ({30.0, 50.0}, BOTH, ALL), "target": ({75.0}, BOTH, {0, 1}),
          "target-rest": ({75.0}, BOTH, {2, 3, 4})},
     ),
-    "transitions": (
-        {"by": "setpoint", "source": [50], "target": [75], "transitions": 15},  # 15 rows hold 3 episodes of 4
-        {"source": ({50.0}, BOTH, ALL), "target": ({75.0}, BOTH, {0, 1, 2}),
-         "target-rest": ({75.0}, BOTH, {3, 4})},
-    ),
     "episode": (
-        {"by": "episode", "fractions": (0.6, 0.2, 0.2)},
+        lambda ds: by_episode(ds, (0.6, 0.2, 0.2)),
         {"train": (SETPOINTS, BOTH, {0, 1, 2}), "validation": (SETPOINTS, BOTH, {3}),
          "test": (SETPOINTS, BOTH, {4})},
     ),
-    "policy": (
-        {"by": "policy"},
-        {"random": (SETPOINTS, {"random"}, ALL), "safe": (SETPOINTS, {"safe"}, ALL)},
+    "leave-one-out": (
+        leave_one_out,
+        {f"test-{p:g}": ({p}, BOTH, ALL) for p in SETPOINTS}
+        | {f"train-{p:g}": (SETPOINTS - {p}, BOTH, ALL) for p in SETPOINTS},
     ),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("call", "expected"), CASES.values(), ids=CASES)
-def test_a_split_holds_the_episodes_asked_for_and_leaks_none(made, call, expected):
-    split = ibdata.split(made.path, **call)
+@pytest.mark.parametrize(("splits", "expected"), CASES.values(), ids=CASES)
+def test_a_split_holds_the_episodes_asked_for_and_leaks_none(made, splits, expected):
+    split = ibdata.split(made.path, splits(made))
     assert {name: conditions(split, name) for name in expected} == expected
     assert set(split.splits) == {"low", *expected}
     assert ibdata.validate(made.path) == []
 
 
-def test_each_share_of_100_episodes_has_its_number():
+def test_each_share_of_100_episodes_has_its_number(made_at, tmp_path):
     """In floating point, 100 * 0.57 is below 57, and 100 * 0.07 above 7."""
-    spec = DatasetSpec.of(
-        ibdata.load({"name": "x", "setpoints": 70, "policies": ["random"], "episodes": 100})
-    )
+    plain = {"name": "x", "setpoints": 70, "policies": ["random"], "episodes": 100, "steps": 1}
+    ds = made_at(plain, tmp_path / "x")
     for percent in range(1, 100):
-        train, test = by_episode(spec, (percent / 100, (100 - percent) / 100)).values()
-        assert (train.indices(100), test.indices(100)) == (range(percent), range(percent, 100))
+        made = by_episode(ds, (percent / 100, (100 - percent) / 100))
+        assert made == {
+            "train": {"episodes": {"start": 0, "stop": percent - 1}},
+            "validation": None,
+            "test": {"episodes": {"start": percent, "stop": 99}},
+        }
 
 
 def test_labels_replace_two_files_and_need_no_row(made):
     before = contents(made.path)
     rows, away = made.path / "data", made.path.parent / "away"
     rows.rename(away)
-    split = ibdata.split(made.path, "setpoint", source=[50], target=[75], shots=2)
+    split = ibdata.split(made.path, transfer(made, 50, 75, shots=2))
     away.rename(rows)
     after = contents(made.path)
     own = {str(made.path / name) for name in (manifest.SPLITS, manifest.CARD)}
@@ -97,23 +102,22 @@ def test_labels_replace_two_files_and_need_no_row(made):
 
 def test_splits_made_together_are_replaced_together(made):
     """Else a rest of the earlier scheme would share episodes with the new splits."""
-    ibdata.split(made.path, by="policy")
+    ibdata.split(made.path, BY_POLICY)
     kept = set(ibdata.open(made.path).splits)
-    ibdata.split(made.path, "setpoint", source=50, target=75, shots=1)
-    ibdata.split(made.path, "setpoint", source=50, target=75, shots=1, prefix="few")
-    found = ibdata.split(made.path, "setpoint", source=50, target=75).splits
+    few = transfer(made, 50, 75, shots=1)
+    ibdata.split(made.path, few)
+    ibdata.split(made.path, {f"few-{name}": each for name, each in few.items()})
+    found = ibdata.split(made.path, transfer(made, 50, 75)).splits
     assert set(found) - kept == {"source", "target", "few-source", "few-target", "few-target-rest"}
-    ibdata.split(made.path, by="episode", fractions=[0.5, 0.25, 0.25])
-    found = ibdata.split(made.path, by="episode", fractions=[0.5, 0.5]).splits
+    ibdata.split(made.path, by_episode(made, [0.5, 0.25, 0.25]))
+    found = ibdata.split(made.path, by_episode(made, [0.5, 0.5])).splits
     assert set(found) - kept >= {"source", "target", "train", "test"}
     assert "validation" not in found
 
 
 def test_a_materialized_copy_has_splits_of_whole_files(made, tmp_path):
-    ibdata.split(made.path, by="policy")
-    copy = ibdata.split(
-        made.path, "setpoint", source=[50], target=[75], shots=2, materialize=tmp_path / "copy"
-    )
+    ibdata.split(made.path, BY_POLICY)
+    copy = ibdata.split(made.path, transfer(made, 50, 75, shots=2), materialize=tmp_path / "copy")
     assert copy.content_root == made.content_root
     assert list(ibdata.open(made.path).splits) == ["low", "random", "safe"]
     for name, split in copy.splits.items():
@@ -127,56 +131,44 @@ def test_a_materialized_copy_has_splits_of_whole_files(made, tmp_path):
     assert ibdata.reproduce(copy.path) == (50, [])
 
 
-TRANSFER = {"by": "setpoint", "source": [50], "target": [75]}
 REFUSED = [
-    ({"by": "setpoint", "source": [50], "target": [50]}, "found 50 as source and target, expected different"),
-    ({"by": "setpoint", "source": [50]}, "found no target, expected setpoints for both"),
-    ({**TRANSFER, "shots": 6}, "found a budget of 6 episodes, expected at most 5, the episodes of each pol"),
-    ({**TRANSFER, "transitions": 3}, "found 3 transitions, expected at least 4, those of an episode"),
-    ({**TRANSFER, "shots": 1, "transitions": 9}, "expected one of them"),
-    ({**TRANSFER, "fractions": (0.5, 0.5)}, "found --fractions, but the scheme transfer uses only --source"),
-    ({**TRANSFER, "names": {"source": "low"}}, "low is a declared split"),
-    ({"by": "setpoint", "scheme": "distance", "source": [50], "within": 5}, "found 0 setpoints within 5"),
-    ({"by": "setpoint", "scheme": "leave-one-ou"}, "did you mean 'leave-one-out'?"),
-    ({"by": "episode", "fractions": (0.9, 0.05, 0.05)}, "found 5 episodes in each cell"),
-    ({"by": "policy", "names": {"saef": "x"}}, "found 'saef' to be renamed; did you mean 'safe'?"),
+    ({"a": {"setpoint": 31}}, "split a.setpoint: found 31, expected one of the setpoints 10, 30, 50, 75, 90"),
+    ({"a": {"policy": "saef"}}, "split a.policy: found 'saef'; did you mean 'safe'?"),
+    ({"a": {"episodes": 6}}, "split a.episodes: found episodes 0 to 5, expected some of 0 to 4"),
+    ({"a": {"setpoint": 50}, "b": {"policy": "safe"}}, "split b: shares episodes with a"),
+    ({"low": {"setpoint": 50}}, "low is a declared split"),
+    ({"Low": {"setpoint": 50}}, "split Low: found 'Low', expected a name of a-z"),
+    ({}, "split: found nothing to do"),
 ]
 
 
 def test_what_cannot_be_meant_is_refused(made):
     """tests/corpus has more."""
     before = contents(made.path)
-    for call, line in REFUSED:
+    for splits, line in REFUSED:
         with pytest.raises(UsageError) as error:
-            ibdata.split(made.path, **call)
+            ibdata.split(made.path, splits)
         assert line in str(error.value)
     assert contents(made.path) == before
 
 
-def test_several_schemes_live_together_under_names_of_their_own(made, tmp_path):
-    ibdata.split(made.path, "setpoint", source=[50], target=[75], shots=2, prefix="near")
-    at = {"source": "at-50", "target": "at-90"}
-    ibdata.split(made.path, "setpoint", source=[50], target=[90], names=at)
-    split = ibdata.split(made.path, by="episode", fractions=(0.6, 0.4), prefix="x", names={"test": "last"})
-    names = ["low", "near-source", "near-target", "near-target-rest", "at-50", "at-90", "x-train", "last"]
-    assert list(split.splits) == names
-    assert conditions(split, "near-target") == ({75.0}, BOTH, {0, 1})
-    assert conditions(split, "last") == (SETPOINTS, BOTH, {3, 4})
-    ibdata.split(made.path, remove=["at-50", "at-90", "last"])
+def test_labels_are_removed_and_copied(made, tmp_path):
+    ibdata.split(made.path, {**BY_POLICY, "at-50": {"setpoint": 50, "overlap": True}})
+    ibdata.split(made.path, {"safe": None, "safer": None}, remove="random")
     copy = ibdata.split(made.path, materialize=tmp_path / "copy")
-    assert list(copy.splits) == ["low", "near-source", "near-target", "near-target-rest", "x-train"]
+    assert list(copy.splits) == ["low", "at-50"]
     assert ibdata.validate(copy.path) == []
 
 
 def test_splits_that_were_made_meanwhile_are_not_lost(made, monkeypatch):
     def meanwhile(*args):
         monkeypatch.undo()
-        ibdata.split(made.path, by="policy")
+        ibdata.split(made.path, BY_POLICY)
         return relabel(*args)
 
     monkeypatch.setattr("ibdata.tools.split.relabel", meanwhile)
     with pytest.raises(BusyError, match="got other splits meanwhile; split it again"):
-        ibdata.split(made.path, by="episode", fractions=[0.6, 0.4])
+        ibdata.split(made.path, HALVES)
     assert "random" in ibdata.open(made.path).splits
 
 
@@ -199,30 +191,6 @@ def laters(spec, splits):
     runs = replace(spec, later=splits).later_runs()
     every = episodes_of(spec)
     return {name: {e for run in own for e in every[run.first : run.stop]} for name, own in runs.items()}
-
-
-@pytest.mark.parametrize("count", [3, 6, 9])
-def test_schemes_hold_out_the_setpoints_that_they_say(count):
-    points = np.random.default_rng(count).permutation(101)[:count].astype(float).tolist()
-    spec, known = spec_of(points), set(points)
-    rank = {p: sum(q < p for q in known) for p in known}
-    ends, middle = {p for p in known if rank[p] in (0, count - 1)}, points[0]
-    second = {p for p in known - ends if rank[p] % 2 == 1}
-    away = sorted(abs(p - middle) for p in known)[count // 2]
-    near = {p for p in known if 0 < abs(p - middle) <= away}
-    far = known - near - {middle}
-    expected = [
-        (interpolation(spec), {"train": known - second, "test": second}),
-        (extrapolation(spec), {"train": known - ends, "test": ends}),
-        (distance(spec, [middle], away), {"source": {middle}, "near": near, "far": far}),
-        (
-            leave_one_out(spec),
-            {f"train-{p:g}": known - {p} for p in known} | {f"test-{p:g}": {p} for p in known},
-        ),
-    ]
-    for made, definition in expected:
-        episodes = {name: {e for e in episodes_of(spec) if e[0] in p} for name, p in definition.items()}
-        assert laters(spec, made) == episodes
 
 
 def drawn(rng, points, n):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.folders import litter
+from helpers.splits import HALVES
 
 import ibdata
 
@@ -133,7 +134,7 @@ def test_after_a_later_split_no_rows_of_hugging_face_are_called_train(tmp_path):
 
     made = ibdata.generate(PLAIN, tmp_path / "p", workers=1)
     assert len(load_dataset(str(made.path), split="train")) == 20
-    ibdata.split(made, "episode", fractions=[0.5, 0.5])
+    ibdata.split(made, HALVES)
     with pytest.raises(ValueError, match=r"Unknown split \"train\". Should be one of \['everything'\]"):
         load_dataset(str(made.path), split="train")
     copy = ibdata.split(made, materialize=tmp_path / "copy")
