@@ -10,13 +10,14 @@ from helpers.folders import contents
 from helpers.splits import BY_POLICY, HALVES
 
 import ibdata
+from ibdata.cli.make import split_command
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import Experiment
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import Split
 from ibdata.tools.rewrite import relabel
-from ibdata.tools.split_schemes import by_episode, leave_one_out, transfer
+from ibdata.tools.split_schemes import SCHEMES, by_episode, by_policy, leave_one_out, transfer
 
 pytestmark = pytest.mark.portable
 
@@ -47,7 +48,7 @@ CASES = {
                     "late": {"setpoint": 75, "episodes": "last 40%"}},
         {"calm": ({30.0, 50.0}, {"safe"}, ALL), "late": ({75.0}, BOTH, {3, 4})},
     ),
-    "shots": (
+    "transfer": (
         lambda ds: transfer(ds, [50, 30], 75, shots=2),
         {"source": ({30.0, 50.0}, BOTH, ALL), "target": ({75.0}, BOTH, {0, 1}),
          "target-rest": ({75.0}, BOTH, {2, 3, 4})},
@@ -57,12 +58,19 @@ CASES = {
         {"train": (SETPOINTS, BOTH, {0, 1, 2}), "validation": (SETPOINTS, BOTH, {3}),
          "test": (SETPOINTS, BOTH, {4})},
     ),
+    "policy": (by_policy, {label: (SETPOINTS, {label}, ALL) for label in BOTH}),
     "leave-one-out": (
         leave_one_out,
         {f"test-{p:g}": ({p}, BOTH, ALL) for p in SETPOINTS}
         | {f"train-{p:g}": (SETPOINTS - {p}, BOTH, ALL) for p in SETPOINTS},
     ),
 }  # fmt: skip
+
+
+def test_each_scheme_has_its_case_and_its_word_in_the_command():
+    (by,) = (option for option in split_command.params if option.name == "by")
+    assert list(by.type.choices) == list(SCHEMES)
+    assert set(SCHEMES) < set(CASES)
 
 
 @pytest.mark.parametrize(("splits", "expected"), CASES.values(), ids=CASES)
