@@ -29,6 +29,7 @@ from ibdata.dataset.transitions import (
     Transitions,
     arrays_of,
     as_batch,
+    beside,
     first_rows,
     left_out,
     needed,
@@ -261,8 +262,7 @@ class Dataset(Episodes):
             episodes=int(np.count_nonzero(kept)),
             rows=rows,
             frame=len(frame),
-            costs=0 if options.cost is None else rows,
-            expert_actions=rows if self.stored.info.names("expert_action") else 0,
+            beside=beside(self.stored.info, options),
         )
         if folder is None or not rows:  # nothing to keep in files
             return Windows(in_memory(sizes, blocks), frame, history, drop, lost)

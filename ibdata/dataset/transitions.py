@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -34,13 +34,54 @@ class Transitions(NamedTuple):
     next_frames: Array  # (n, k)
     actions: Array  # (n, 3)
     rewards: Array  # (n,)
-    costs: Array | None  # (n,) float32; None for a view without a cost
-    expert_actions: Array | None  # (n, 3); None if the dataset does not have them
     terminated: Array  # (n,) bool
     truncated: Array  # (n,) bool
     episode: Array  # (n,) int64
     step: Array  # (n,) int32
     rows: Array  # (n,) the rows of the table that they come from
+    beside: dict[str, Array]  # what else the view and the dataset have, see BESIDE
+
+
+class Beside(NamedTuple):
+    """An array beside the transitions: with one column (n,), with several (n, columns)."""
+
+    columns: tuple[str, ...]  # their names where each stands alone
+    needs: Callable[[Info, ViewOptions], Sequence[str]]  # columns of the dataset; none if it is not there
+    make: Callable[[pa.Table, Sequence[str], ViewOptions], Array]
+
+    @property
+    def width(self) -> tuple[int, ...]:
+        """The shape of one row."""
+        return () if len(self.columns) == 1 else (len(self.columns),)
+
+
+def _costs(table: pa.Table, names: Sequence[str], options: ViewOptions) -> Array:
+    assert options.cost is not None
+    return options.cost.of(tuple(_now_and_after(table, names)[1].T))
+
+
+BESIDE = {
+    "costs": Beside(("cost",), lambda _, options: options.cost.variables if options.cost else (), _costs),
+    "expert_actions": Beside(
+        EXPERT,
+        lambda info, _: info.names("expert_action"),
+        lambda table, names, _: stacked_columns(table, names),
+    ),
+}
+
+
+def beside(info: Info, options: ViewOptions) -> list[str]:
+    """The names of what stands beside the transitions."""
+    return [name for name, kind in BESIDE.items() if kind.needs(info, options)]
+
+
+def columns_of(arrays: dict[str, Array]) -> dict[str, Array]:
+    """The arrays beside transitions, each column alone."""
+    return {
+        column: values
+        for name, array in arrays.items()
+        for column, values in zip(BESIDE[name].columns, array.reshape(len(array), -1).T, strict=True)
+    }
 
 
 def whole_episodes(batches: Iterable[pa.RecordBatch], place: Any) -> Iterator[pa.Table]:
@@ -87,8 +128,8 @@ def needed(info: Info, options: ViewOptions) -> list[str]:
             )
     costs = () if options.reward.kind == "classic" else COSTS + NEXT_COSTS
     later = [f"next_{name}" for name in names if f"next_{name}" in known]
-    expert = info.names("expert_action")
-    return list(dict.fromkeys([*INDICES, *names, *later, *ACTIONS, *expert, "reward", *costs]))
+    more = [column for kind in BESIDE.values() for column in kind.needs(info, options)]
+    return list(dict.fromkeys([*INDICES, *names, *later, *ACTIONS, *more, "reward", *costs]))
 
 
 def _followed(info: Info, options: ViewOptions) -> tuple[str, ...]:
@@ -112,11 +153,8 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     index = {name: table[name].to_numpy() for name in INDICES}
     actions, rewards = stacked_columns(table, ACTIONS), _rewards(table, options)
     frames, after = _now_and_after(table, options.columns(info.drifting))
-    expert_names = info.names("expert_action")
-    expert = stacked_columns(table, expert_names) if expert_names else None
-    costs = None
-    if options.cost is not None:
-        costs = options.cost.of(tuple(_now_and_after(table, options.cost.variables)[1].T))
+    kinds = {name: BESIDE[name] for name in beside(info, options)}
+    more = {name: kind.make(table, kind.needs(info, options), options) for name, kind in kinds.items()}
     if not options.is_classic:
         frames, after, actions = (x.astype(np.float32, copy=False) for x in (frames, after, actions))
     if left_out(info, options):
@@ -131,11 +169,9 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     if len(kept) < len(frames):
         index = {name: array[kept] for name, array in index.items()}
         frames, after, actions, rewards = (x[kept] for x in (frames, after, actions, rewards))
-        costs, expert = (None if x is None else x[kept] for x in (costs, expert))
+        more = {name: array[kept] for name, array in more.items()}
     flags = index["terminated"], index["truncated"]
-    return Transitions(
-        frames, after, actions, rewards, costs, expert, *flags, index["episode"], index["step"], kept
-    )
+    return Transitions(frames, after, actions, rewards, *flags, index["episode"], index["step"], kept, more)
 
 
 def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
@@ -146,8 +182,7 @@ def as_batch(block: Transitions, names: Sequence[str]) -> pa.RecordBatch:
         **dict(zip(names, block.frames.T, strict=True)),
         **dict(zip(ACTIONS, block.actions.T, strict=True)),
         "reward": block.rewards,
-        **({} if block.costs is None else {"cost": block.costs}),
-        **({} if block.expert_actions is None else dict(zip(EXPERT, block.expert_actions.T, strict=True))),
+        **columns_of(block.beside),
         "terminated": block.terminated,
         "truncated": block.truncated,
         **{f"next_{name}": column for name, column in zip(names, block.next_frames.T, strict=True)},
@@ -168,8 +203,7 @@ def arrays_of(
         "observations": observations,
         "actions": block.actions,
         "rewards": block.rewards,
-        **({} if block.costs is None else {"costs": block.costs}),
-        **({} if block.expert_actions is None else {"expert_actions": block.expert_actions}),
+        **block.beside,
         "next_observations": after,
         "episode": block.episode,
         "step": block.step,

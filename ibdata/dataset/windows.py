@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,24 +16,41 @@ from numpy.lib.stride_tricks import sliding_window_view
 from ibdata._system import files
 from ibdata._system.part import locked_part, resolved, tidy
 from ibdata.dataset.manifest import refuse_inside
-from ibdata.dataset.transitions import Transitions
+from ibdata.dataset.transitions import BESIDE, Transitions
 from ibdata.errors import UsageError
 
 Array = npt.NDArray[Any]
 Float32s = npt.NDArray[np.float32]
 DESCRIPTION = "windows.json"
-BESIDE = ("costs", "expert_actions")  # arrays that are empty where there are none
+OF_EPISODES = ("frames", "lengths", "episodes")  # arrays that have no value for each row
 PATIENCE = 3600.0  # seconds to wait for another process that makes the same folder
 
 
 class Sizes(NamedTuple):
-    """The numbers of episodes, of transitions, of values in a frame, and of what all rows have, or none."""
+    """The numbers of episodes, of transitions and of values in a frame, and what stands beside each row."""
 
     episodes: int
     rows: int
     frame: int
-    costs: int
-    expert_actions: int
+    beside: list[str]
+
+    def shapes(self) -> dict[str, tuple[tuple[int, ...], type]]:
+        """The shape and the type of each array of `WindowData`.
+
+        For an episode of T transitions there are T + 1 frames. The frames are stored newest first, so that a
+        window is contiguous in memory: frame number i of E episodes with N transitions is row N + E - 1 - i.
+        """
+        episodes, rows, frame, _ = self
+        return {
+            "frames": ((rows + episodes, frame), np.float32),
+            "lengths": ((episodes,), np.int64),
+            "episodes": ((episodes,), np.int64),  # their numbers in the dataset
+            "actions": ((rows, 3), np.float32),
+            "rewards": ((rows,), np.float32),
+            "terminated": ((rows,), np.bool_),
+            "truncated": ((rows,), np.bool_),
+            **{name: ((rows, *BESIDE[name].width), np.float32) for name in self.beside},
+        }
 
 
 class WindowFolder(NamedTuple):
@@ -44,45 +61,31 @@ class WindowFolder(NamedTuple):
     sizes: Sizes
 
 
-class WindowData(NamedTuple):
-    """One copy of the values that windows are gathered from.
+WindowData = dict[str, Array]  # one copy of the values that windows are gathered from, see `Sizes.shapes`
 
-    For an episode of T transitions there are T + 1 frames. The frames are stored newest first, so that a
-    window is contiguous in memory: frame number i of E episodes with N transitions is row N + E - 1 - i.
-    """
 
-    frames: Float32s  # (N + E, k)
-    actions: Float32s  # (N, 3)
-    rewards: Float32s  # (N,)
-    terminated: npt.NDArray[np.bool_]  # (N,)
-    truncated: npt.NDArray[np.bool_]  # (N,)
-    lengths: npt.NDArray[np.int64]  # (E,)
-    episodes: npt.NDArray[np.int64]  # (E,), their numbers in the dataset
-    costs: Float32s  # (N,), or (0,) for a view without a cost
-    expert_actions: Float32s  # (N, 3), or (0, 3) for a dataset without them
-
-    def fill(self, blocks: Iterable[Transitions]) -> None:
-        """Copy the transitions of whole episodes, in order."""
-        row = episode = 0
-        columns = ["actions", "rewards", "terminated", "truncated"]
-        columns += [name for name in BESIDE if len(getattr(self, name))]
-        for block in blocks:
-            starts = np.flatnonzero(block.step == 0)
-            for start, length in zip(starts, np.diff(starts, append=len(block.step)), strict=True):
-                stop = start + length
-                place = len(self.frames) - row - episode - 1
-                self.frames[place - length + 1 : place + 1] = block.frames[start:stop][::-1]
-                self.frames[place - length] = block.next_frames[stop - 1]
-                self.lengths[episode], self.episodes[episode] = length, block.episode[start]
-                for name in columns:
-                    getattr(self, name)[row : row + length] = getattr(block, name)[start:stop]
-                row, episode = row + length, episode + 1
+def _fill(stored: Mapping[str, Array], blocks: Iterable[Transitions]) -> None:
+    """Copy the transitions of whole episodes, in order."""
+    row = episode = 0
+    frames, names = stored["frames"], [name for name in stored if name not in OF_EPISODES]
+    for block in blocks:
+        columns = {**block._asdict(), **block.beside}
+        starts = np.flatnonzero(block.step == 0)
+        for start, length in zip(starts, np.diff(starts, append=len(block.step)), strict=True):
+            stop = start + length
+            place = len(frames) - row - episode - 1
+            frames[place - length + 1 : place + 1] = block.frames[start:stop][::-1]
+            frames[place - length] = block.next_frames[stop - 1]
+            stored["lengths"][episode], stored["episodes"][episode] = length, block.episode[start]
+            for name in names:
+                stored[name][row : row + length] = columns[name][start:stop]
+            row, episode = row + length, episode + 1
 
 
 def in_memory(sizes: Sizes, blocks: Iterable[Transitions]) -> WindowData:
     """Store transitions in memory."""
-    stored = WindowData(*(np.empty(shape, dtype) for shape, dtype in _shapes(sizes)))
-    stored.fill(blocks)
+    stored: WindowData = {name: np.empty(shape, dtype) for name, (shape, dtype) in sizes.shapes().items()}
+    _fill(stored, blocks)
     return stored
 
 
@@ -120,10 +123,10 @@ def mapped(source: WindowFolder) -> WindowData:
     if described != json.loads(json.dumps(description)):
         raise UsageError(f"folder: {folder} holds something else than these windows; choose another folder")
     try:
-        stored = WindowData(*(np.load(folder / f"{name}.npy", mmap_mode="r") for name in WindowData._fields))
+        stored = {name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in sizes.shapes()}
     except Exception as error:  # whatever numpy and zipfile raise for other bytes
         raise _damaged(folder, error) from None
-    if [(array.shape, array.dtype) for array in stored] != _shapes(sizes):
+    if {name: (array.shape, array.dtype) for name, array in stored.items()} != sizes.shapes():
         raise _damaged(folder, "found arrays of other sizes")
     return stored
 
@@ -135,35 +138,19 @@ def _damaged(folder: Path, description: object) -> UsageError:
 def _write(folder: Path, description: dict[str, Any], sizes: Sizes, blocks: Iterable[Transitions]) -> None:
     """Write the values into a new folder."""
     folder.mkdir()
-    shapes = dict(zip(WindowData._fields, _shapes(sizes), strict=True))
+    shapes = sizes.shapes()
     size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in shapes.values())
     with (folder / DESCRIPTION).open("w") as file:
         files.reserve(file, size)  # a full disk would end the process that fills a map
         file.truncate(0)
         json.dump(description, file, sort_keys=True)
-    maps = [
-        np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, shape)
+    maps = {
+        name: np.lib.format.open_memmap(folder / f"{name}.npy", "w+", dtype, shape)
         for name, (shape, dtype) in shapes.items()
-    ]
-    WindowData(*maps).fill(blocks)
-    for array in maps:
+    }
+    _fill(maps, blocks)
+    for array in maps.values():
         array.flush()
-
-
-def _shapes(sizes: Sizes) -> list[tuple[Any, Any]]:
-    """The shape and the type of each array of `WindowData`."""
-    episodes, rows, frame, costs, expert_actions = sizes
-    return [
-        ((rows + episodes, frame), np.float32),
-        ((rows, 3), np.float32),
-        ((rows,), np.float32),
-        ((rows,), np.bool_),
-        ((rows,), np.bool_),
-        ((episodes,), np.int64),
-        ((episodes,), np.int64),
-        ((costs,), np.float32),
-        ((expert_actions, 3), np.float32),
-    ]
 
 
 class Batch(Sequence[dict[str, Any]]):
@@ -212,14 +199,14 @@ class Windows:
         self.frame, self.history, self.left_out = tuple(frame), history, left_out
         self._stored, self._drop, self._source = stored, drop, source
         self._skipped = history - 1 if drop else 0  # transitions at the beginning of each episode
-        stops = np.cumsum(stored.lengths)
-        self._starts = stops - stored.lengths
-        counts = np.maximum(stored.lengths - self._skipped, 0)
+        lengths, frames = stored["lengths"], stored["frames"]
+        self._starts = np.cumsum(lengths) - lengths
+        counts = np.maximum(lengths - self._skipped, 0)
         self._stops = np.cumsum(counts)
         self._firsts = self._stops - counts
-        flat, k = stored.frames.reshape(-1), stored.frames.shape[1]
+        flat, k = frames.reshape(-1), frames.shape[1]
         self._windows = None  # if the dataset is shorter than a window
-        if len(stored.frames) > history:
+        if len(frames) > history:
             self._windows = sliding_window_view(flat, (history + 1) * k)[::k]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -263,13 +250,9 @@ class Windows:
         stored = self._stored
         return {
             "observations": gathered[:, k:],
-            "actions": stored.actions[rows],
-            "rewards": stored.rewards[rows],
-            **{name: getattr(stored, name)[rows] for name in BESIDE if len(getattr(stored, name))},
+            **{name: array[rows] for name, array in stored.items() if name not in OF_EPISODES},
             "next_observations": gathered[:, : k * self.history],
-            "terminated": stored.terminated[rows],
-            "truncated": stored.truncated[rows],
-            "episode": stored.episodes[episode],
+            "episode": stored["episodes"][episode],
             "step": step.astype(np.int32),
         }
 
@@ -287,7 +270,7 @@ class Windows:
 
     def _gathered(self, numbers: Array, steps: Array) -> Float32s:
         """The frame after each of these frames, this frame, and those before it, (n, (history + 1) · k)."""
-        frames = self._stored.frames
+        frames = self._stored["frames"]
         newest = len(frames) - 2 - numbers  # the place of the frame after
         early = np.flatnonzero(steps < self.history - 1)
         if self._windows is None:

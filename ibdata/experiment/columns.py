@@ -78,7 +78,7 @@ class Layout(NamedTuple):
     rows: npt.NDArray[np.int64]  # the variables of the record, see `kernel.simulate`
     sources: npt.NDArray[np.int64]  # triples (variable of the record, column, 1 if it is taken at t + 1)
     first_action: int
-    log_prob: int  # what stands after it, the expert's action, is not recorded
+    log_prob: int  # what stands after it is not recorded
 
 
 def layout(experiment: Experiment) -> Layout:

@@ -65,7 +65,8 @@ def rollout(experiment: Experiment, first: int, stop: int, memory: TableBuffer |
         rows = table.reshape(len(table), stop - first, steps).transpose(1, 2, 0)
         acted = rows[..., float_layout.first_action :][..., :3]
         answers = expert_actions(experiment, first, stop, rows[..., : len(OBSERVATION)], acted)
-        table[float_layout.log_prob + 1 :] = answers.reshape(-1, 3).T
+        own = [i for i, name in enumerate(float_layout.names) if name.startswith("expert_act_")]
+        table[own] = answers.reshape(-1, 3).T
     return Columns(float_layout.names, table, clipped)
 
 

@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from ibdata._system.progress import bar
 from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.digest import identity
 from ibdata.dataset.episodes import BLOCK_ROWS, refuse_empty
-from ibdata.dataset.transitions import arrays_of, left_out, needed, whole_episodes
+from ibdata.dataset.transitions import arrays_of, beside, columns_of, left_out, needed, whole_episodes
 from ibdata.errors import UsageError
 from ibdata.views.options import PLAIN, ViewOptions
 
@@ -27,24 +27,7 @@ Arrays = dict[str, Array]
 
 PARQUET = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
 # Roles of columns that are exported beside the transitions.
-BESIDE = ("latent", "next_latent", "log_prob", "expert_action")
-
-
-class Block(NamedTuple):
-    """The n transitions of one or more whole episodes; floats are float32."""
-
-    observations: Array  # (n, k · history), newest frame first
-    actions: Array  # (n, 3)
-    rewards: Array  # (n,)
-    next_observations: Array  # (n, k · history)
-    terminated: Array  # (n,) bool
-    truncated: Array  # (n,) bool
-    episode: Array  # (n,) int64
-    step: Array  # (n,) int32
-    extras: Arrays  # (n,) each, by column: latent state, log density of the action, clean values, cost
-
-
-ARRAYS = Block._fields[:-1]
+ROLES = ("latent", "next_latent", "log_prob")
 
 
 class Source:
@@ -66,7 +49,8 @@ class Source:
         self.progress = progress
         self.info = info = selection.stored.info
         self.frame = options.frame(info.drifting)  # the names of the numbers of a frame
-        self.beside = [column.name for column in info.columns if column.role in BESIDE]
+        self.hidden = [column.name for column in info.columns if column.role in ROLES]
+        self.beside = beside(info, options)
         # Columns that are measured imperfectly, whose true values are exported too.
         self.clean = [x for x in options.columns(info.drifting) if x in options.imperfections.columns]
 
@@ -113,29 +97,31 @@ class Source:
                 yield table
                 advance(table.num_rows)
 
-    def blocks(self) -> Iterator[Block]:
-        """Yield the transitions in order."""
-        columns = [*self.beside, *self.clean]
+    def blocks(self) -> Iterator[Arrays]:
+        """Yield the transitions in order, as `Dataset.arrays` has them, but in float32.
+
+        What only some formats keep is infos/…: hidden columns, true values, and what stands beside the rows.
+        """
+        columns = [*self.hidden, *self.clean]
         for table in self.tables(columns):
             arrays = arrays_of(table, self.info, self.options, self.history, False, columns)
             for name, array in arrays.items():
                 if array.dtype == np.float64:
                     arrays[name] = array.astype(np.float32)
-            extras = {name: arrays[name] for name in self.beside}
-            extras |= {f"clean_{name}": arrays[name] for name in self.clean}
-            if self.options.cost is not None:
-                extras["cost"] = arrays["costs"]
+            infos = {name: arrays.pop(name) for name in self.hidden}
+            infos |= {f"clean_{name}": arrays[name] for name in self.clean}
+            infos |= columns_of({name: arrays.pop(name) for name in self.beside if name != "costs"})
+            for name in columns:
+                arrays.pop(name, None)
             if len(arrays["step"]):
-                yield Block(**{name: arrays[name] for name in ARRAYS}, extras=extras)
+                yield arrays | {f"infos/{name}": array for name, array in infos.items()}
 
-    def episode_blocks(self) -> Iterator[Block]:
+    def episode_blocks(self) -> Iterator[Arrays]:
         """Yield the transitions in order, those of each episode in a block."""
         for block in self.blocks():
-            ends = np.flatnonzero(block.terminated | block.truncated) + 1
+            ends = np.flatnonzero(block["terminated"] | block["truncated"]) + 1
             for start, stop in pairwise([0, *ends.tolist()]):
-                arrays = {name: getattr(block, name)[start:stop] for name in ARRAYS}
-                extras = {name: array[start:stop] for name, array in block.extras.items()}
-                yield Block(**arrays, extras=extras)
+                yield {name: array[start:stop] for name, array in block.items()}
 
 
 def vectors(array: Array) -> pa.Array:
@@ -144,29 +130,20 @@ def vectors(array: Array) -> pa.Array:
     return pa.FixedSizeListArray.from_arrays(values, array.shape[1])
 
 
-def d4rl_arrays(block: Block) -> Arrays:
-    """The arrays of D4RL, with the latent state in infos/, and costs as in DSRL if the view has a cost."""
-    costs = {"costs": block.extras["cost"]} if "cost" in block.extras else {}
-    return {
-        "observations": block.observations,
-        "actions": block.actions,
-        "rewards": block.rewards,
-        **costs,
-        "next_observations": block.next_observations,
-        "terminals": block.terminated,
-        "timeouts": block.truncated,
-        "infos/episode": block.episode,
-        "infos/step": block.step,
-        **{f"infos/{name}": array for name, array in block.extras.items() if name != "cost"},
-    }
+D4RL = {"terminated": "terminals", "truncated": "timeouts", "episode": "infos/episode", "step": "infos/step"}
 
 
-def write_npz(source: Source, make: Callable[[Block], Arrays], path: Path, **others: Array) -> None:
+def d4rl_arrays(block: Arrays) -> Arrays:
+    """The arrays under the names of D4RL, and costs under that of DSRL if the view has a cost."""
+    return {D4RL.get(name, name): array for name, array in block.items()}
+
+
+def write_npz(source: Source, make: Callable[[Arrays], Arrays], path: Path, **others: Array) -> None:
     """Write the arrays of all blocks, and others, as an NPZ that is not compressed."""
     arrays: Arrays = {}
     start = 0
     for block in source.blocks():
-        stop = start + len(block.rewards)
+        stop = start + len(block["rewards"])
         for name, array in make(block).items():
             if name not in arrays:
                 arrays[name] = np.empty((source.rows, *array.shape[1:]), array.dtype)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ibdata.exporters._source import Arrays, Block, Source
+from ibdata.exporters._source import Arrays, Source
 from ibdata.exporters._target import hdf5_file, library
 
 VERSION = "2.1"  # of d3rlpy's file format
@@ -20,17 +20,17 @@ PADDING = 0.5  # of the appended row's action
 KEYS = ("observations", "actions", "rewards", "terminated")
 
 
-def episode(block: Block) -> Arrays:
+def episode(block: Arrays) -> Arrays:
     """An episode in d3rlpy's form, with one more row if it does not terminate.
 
     observations (n, k · history), actions (n, 3), rewards (n, 1), terminated ().
     """
-    padding = 0 if block.terminated[-1] else 1
+    padding = 0 if block["terminated"][-1] else 1
     return {
-        "observations": np.concatenate([block.observations, block.next_observations[-1:][:padding]]),
-        "actions": np.pad(block.actions, ((0, padding), (0, 0)), constant_values=PADDING),
-        "rewards": np.pad(block.rewards, (0, padding))[:, None],
-        "terminated": block.terminated[-1:].reshape(()),
+        "observations": np.concatenate([block["observations"], block["next_observations"][-1:][:padding]]),
+        "actions": np.pad(block["actions"], ((0, padding), (0, 0)), constant_values=PADDING),
+        "rewards": np.pad(block["rewards"], (0, padding))[:, None],
+        "terminated": block["terminated"][-1:].reshape(()),
     }
 
 

@@ -29,7 +29,7 @@ def export(source: Source, path: Path, target: Path) -> str:
         file.attrs["history"] = source.history
         start = 0
         for block in source.blocks():
-            stop = start + len(block.rewards)
+            stop = start + len(block["rewards"])
             for name, array in d4rl_arrays(block).items():
                 if start == 0:
                     chunks = (min(CHUNK_ROWS, source.rows), *array.shape[1:])

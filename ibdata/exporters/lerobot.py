@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 
 from ibdata._numerics.naming import exact
 from ibdata.dataset.statistics import Matrix, Moments, RowStatistics
-from ibdata.exporters._source import PARQUET, Array, Arrays, Block, Source, vectors
+from ibdata.exporters._source import PARQUET, Array, Arrays, Source, vectors
 from ibdata.generation.metadata import as_json
 from ibdata.views.options import ACTIONS
 
@@ -109,25 +109,25 @@ dataset = LeRobotDataset({f"ibdata/{source.info.name}"!r}, root={str(target)!r})
 """
 
 
-def _task(source: Source, block: Block) -> str:
-    setpoint = source.table["setpoint"].loc[int(block.episode[0])]
+def _task(source: Source, block: Arrays) -> str:
+    setpoint = source.table["setpoint"].loc[int(block["episode"][0])]
     where = "a moving setpoint" if source.info.drifting else f"setpoint {exact(setpoint)}"
     return f"Operate the Industrial Benchmark at {where}"
 
 
-def _columns(block: Block, number: int, start: int, task: int) -> Arrays:
+def _columns(block: Arrays, number: int, start: int, task: int) -> Arrays:
     """The features of an episode; `start` is the number of its first frame."""
-    steps = block.step.astype(np.int64)
-    costs = {"next.cost": block.extras["cost"]} if "cost" in block.extras else {}
+    steps = block["step"].astype(np.int64)
+    costs = {"next.cost": block["costs"]} if "costs" in block else {}
     return {
-        "observation.state": block.observations,
-        "action": block.actions,
-        "next.observation.state": block.next_observations,
-        "next.reward": block.rewards,
+        "observation.state": block["observations"],
+        "action": block["actions"],
+        "next.observation.state": block["next_observations"],
+        "next.reward": block["rewards"],
         **costs,
-        "next.done": block.terminated | block.truncated,
-        "next.terminated": block.terminated,
-        "next.truncated": block.truncated,
+        "next.done": block["terminated"] | block["truncated"],
+        "next.terminated": block["terminated"],
+        "next.truncated": block["truncated"],
         "timestamp": (steps / FPS).astype(np.float32),
         "frame_index": steps,
         "episode_index": np.full_like(steps, number),

@@ -21,7 +21,7 @@ import numpy as np
 from ibdata.dataset.reference_returns import scale_of
 from ibdata.errors import OUT, UsageError, parameter
 from ibdata.experiment.dataset_spec import declared_spec
-from ibdata.exporters._source import Arrays, Block, Source
+from ibdata.exporters._source import Arrays, Source
 from ibdata.exporters._target import hdf5_file, library
 from ibdata.version import __version__
 
@@ -45,19 +45,22 @@ def place(source: Source, out: Path, id: str | None = None) -> Path:
     return out / name
 
 
-def episode(block: Block) -> dict[str, Any]:
+def episode(block: Arrays) -> dict[str, Any]:
     """The arrays of an episode of T steps: T + 1 observations (k · history) and infos (1), T of the rest."""
     infos: Arrays = {}
-    for name, values in block.extras.items():
+    extras = {name.removeprefix("infos/"): array for name, array in block.items() if "/" in name}
+    if "costs" in block:
+        extras["cost"] = block["costs"]
+    for name, values in extras.items():
         if not name.startswith("next_"):
-            last = block.extras.get(f"next_{name}", np.array([np.nan], np.float32))[-1:]
+            last = extras.get(f"next_{name}", np.array([np.nan], np.float32))[-1:]
             infos[name] = np.concatenate([values, last])[:, None]  # Minari's Arrow cannot read (T + 1,) again
     return {
-        "observations": np.concatenate([block.observations, block.next_observations[-1:]]),
-        "actions": block.actions,
-        "rewards": block.rewards,
-        "terminations": block.terminated,
-        "truncations": block.truncated,
+        "observations": np.concatenate([block["observations"], block["next_observations"][-1:]]),
+        "actions": block["actions"],
+        "rewards": block["rewards"],
+        "terminations": block["terminated"],
+        "truncations": block["truncated"],
         "infos": infos,
     }
 
@@ -86,7 +89,7 @@ def export(source: Source, path: Path, target: Path, id: str | None = None) -> s
     with hdf5_file(data / FILE, track_order=True) as (file, check):
         for number, block in enumerate(source.episode_blocks()):
             group = file.create_group(f"episode_{number}")
-            group.attrs["id"], group.attrs["total_steps"] = number, len(block.rewards)
+            group.attrs["id"], group.attrs["total_steps"] = number, len(block["rewards"])
             _fill(group, episode(block))
             check()
     sizes = {

@@ -12,7 +12,7 @@ import numpy as np
 
 from ibdata._numerics.naming import counted, exact
 from ibdata.errors import SPLIT, UsageError
-from ibdata.exporters._source import Arrays, Block, Source, write_npz
+from ibdata.exporters._source import Arrays, Source, write_npz
 
 HISTORY = 30
 MAX_ROWS = 2**24  # float32 does not have all whole numbers above it
@@ -40,12 +40,12 @@ data["index"] = np.insert(data["index"], 0, 0)[:-1]  # first rows, as NeoRL's lo
 """
 
 
-def _arrays(block: Block) -> Arrays:
+def _arrays(block: Arrays) -> Arrays:
     """The arrays of NeoRL, except the index."""
     return {
-        "obs": block.observations,
-        "next_obs": block.next_observations,
-        "action": block.actions,
-        "reward": block.rewards[:, None],
-        "done": (block.terminated | block.truncated)[:, None].astype(np.float32),
+        "obs": block["observations"],
+        "next_obs": block["next_observations"],
+        "action": block["actions"],
+        "reward": block["rewards"][:, None],
+        "done": (block["terminated"] | block["truncated"])[:, None].astype(np.float32),
     }

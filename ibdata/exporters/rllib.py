@@ -13,7 +13,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.exporters._source import PARQUET, Block, Source, vectors
+from ibdata.exporters._source import PARQUET, Arrays, Source, vectors
 
 ROW_GROUP_ROWS = 100_000
 SUFFIX = ".parquet"
@@ -55,17 +55,17 @@ config = config.offline_data(
 """
 
 
-def _table(block: Block) -> pa.Table:
+def _table(block: Arrays) -> pa.Table:
     """The columns of SCHEMA."""
     return pa.table(
         {
-            "episode": block.episode,
-            "step": block.step,
-            "observation": vectors(block.observations),
-            "action": vectors(block.actions),
-            "reward": block.rewards,
-            "next_observation": vectors(block.next_observations),
-            "terminated": block.terminated,
-            "truncated": block.truncated,
+            "episode": block["episode"],
+            "step": block["step"],
+            "observation": vectors(block["observations"]),
+            "action": vectors(block["actions"]),
+            "reward": block["rewards"],
+            "next_observation": vectors(block["next_observations"]),
+            "terminated": block["terminated"],
+            "truncated": block["truncated"],
         }
     )

@@ -45,7 +45,7 @@ def test_what_are_neither_numbers_nor_a_mask_is_an_index_error(dataset):
 def test_a_folder_keeps_the_values_and_is_used_again(dataset, tmp_path, monkeypatch):
     folder = tmp_path / "new" / "windows"
     made = dataset.windows(history=4, folder=folder, split="target")
-    assert not made._stored.frames.flags.writeable
+    assert not made._stored["frames"].flags.writeable
     assert [path.name for path in folder.parent.iterdir()] == ["windows"]
     described = json.loads((folder / "windows.json").read_text())
     assert described["content_root"] == dataset.content_root
@@ -91,11 +91,11 @@ def test_a_pickle_is_the_folder_or_each_value_once(dataset, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     windows = dataset.windows(folder=folder, **options)
     sent = pickle.dumps(windows)
-    once = sum(array.nbytes for array in windows._stored)
+    once = sum(array.nbytes for array in windows._stored.values())
     assert len(sent) < (1000 if folder else once + 2000)
     monkeypatch.chdir("/")
     again = pickle.loads(sent)
-    assert isinstance(again._stored.frames, np.memmap) == (folder is not None)
+    assert isinstance(again._stored["frames"], np.memmap) == (folder is not None)
     for one, other in zip(windows.batch(range(len(windows))).values(), again[:].values(), strict=True):
         np.testing.assert_array_equal(one, other)
     assert (again.frame, again.history, again.left_out) == (windows.frame, windows.history, windows.left_out)

@@ -59,10 +59,10 @@ def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
     monkeypatch.setattr("ibdata.exporters._source.BLOCK_ROWS", 60)
     for history, limit in ((1, 60), (3, 20)):
         blocks = list(Source(dataset.select(), history=history).blocks())
-        assert sum(len(block.rewards) for block in blocks) == 480
-        assert all(len(block.rewards) <= limit + 40 for block in blocks)
-        assert all(block.step[0] == 0 and block.truncated[-1] for block in blocks)
-    assert [len(block.rewards) for block in Source(dataset.select()).episode_blocks()] == [40] * 12
+        assert sum(len(block["rewards"]) for block in blocks) == 480
+        assert all(len(block["rewards"]) <= limit + 40 for block in blocks)
+        assert all(block["step"][0] == 0 and block["truncated"][-1] for block in blocks)
+    assert [len(block["rewards"]) for block in Source(dataset.select()).episode_blocks()] == [40] * 12
 
 
 def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to):
