@@ -108,13 +108,13 @@ class Source:
             for name, array in arrays.items():
                 if array.dtype == np.float64:
                     arrays[name] = array.astype(np.float32)
-            infos = {name: arrays.pop(name) for name in self.hidden}
+            infos = {name: arrays[name] for name in self.hidden}
             infos |= {f"clean_{name}": arrays[name] for name in self.clean}
-            infos |= columns_of({name: arrays.pop(name) for name in self.beside if name != "costs"})
-            for name in columns:
-                arrays.pop(name, None)
+            infos |= columns_of({name: arrays[name] for name in self.beside if name != "costs"})
+            moved = {*columns, *self.beside} - {"costs"}
             if len(arrays["step"]):
-                yield arrays | {f"infos/{name}": array for name, array in infos.items()}
+                block = {name: array for name, array in arrays.items() if name not in moved}
+                yield block | {f"infos/{name}": array for name, array in infos.items()}
 
     def episode_blocks(self) -> Iterator[Arrays]:
         """Yield the transitions in order, those of each episode in a block."""

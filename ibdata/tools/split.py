@@ -13,14 +13,14 @@ from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.fields import Split
 from ibdata.tools.rewrite import relabel, write_dataset
 
-OneSplit = Annotated[Mapping[str, Any] | Split | None, "a mapping such as {'setpoint': 20}"]
-ByName = Annotated[Mapping[str, OneSplit] | None, "splits by name, such as {'calm': {'setpoint': 20}}"]
+SplitArg = Annotated[Mapping[str, Any] | Split | None, "a mapping such as {'setpoint': 20}"]
+SplitsArg = Annotated[Mapping[str, SplitArg] | None, "splits by name, such as {'calm': {'setpoint': 20}}"]
 
 
 @public
 def split(
     dataset: Place,
-    splits: ByName = None,
+    splits: SplitsArg = None,
     *,
     remove: str | Sequence[str] = (),
     materialize: str | os.PathLike[str] | None = None,

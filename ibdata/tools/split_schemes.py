@@ -13,8 +13,8 @@ from ibdata.dataset.dataset import Place, to_write
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 
-Splits = dict[str, dict[str, Any] | None]  # None removes a split that an earlier call made
-NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}  # by the number of fractions
+SplitsByName = dict[str, dict[str, Any] | None]  # None removes a split that an earlier call made
+FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}  # by the number of fractions
 
 
 @public
@@ -23,7 +23,7 @@ def transfer(
     source: float | Sequence[float] | None = None,
     target: float | Sequence[float] | None = None,
     shots: int | None = None,
-) -> Splits:
+) -> SplitsByName:
     """Make `source` and `target` by setpoint, and `target-rest`.
 
     Hein et al. 2017 suggest a transfer from p = 50 to p = 75 and give no sizes.
@@ -45,7 +45,7 @@ def transfer(
         if setpoints is None:
             raise UsageError(f"transfer: found no {name}, expected setpoints such as source=50 target=70")
     few = {} if shots is None else {"episodes": shots}
-    splits: Splits = {"source": {"setpoint": source}, "target": {"setpoint": target, **few}}
+    splits: SplitsByName = {"source": {"setpoint": source}, "target": {"setpoint": target, **few}}
     spec = _spec(dataset)
     most = max(spec.sizes(spec.checked(splits)["target"]))
     rest = None
@@ -55,7 +55,7 @@ def transfer(
 
 
 @public
-def leave_one_out(dataset: Place) -> Splits:
+def leave_one_out(dataset: Place) -> SplitsByName:
     """Make for every setpoint p `test-p` with the episodes at p, and `train-p` with all others.
 
     Args:
@@ -70,11 +70,11 @@ def leave_one_out(dataset: Place) -> Splits:
     return folds(_spec(dataset).setpoints)
 
 
-def folds(known: Sequence[float]) -> Splits:
+def folds(known: Sequence[float]) -> SplitsByName:
     """The splits of `leave_one_out` for these setpoints."""
     if len(known) < 2:
         raise UsageError("split: found one setpoint, expected at least 2 to leave one out")
-    made: Splits = {}
+    made: SplitsByName = {}
     for test in known:
         train = [setpoint for setpoint in known if setpoint != test]
         name = exact(test).replace(".", "_")
@@ -84,7 +84,7 @@ def folds(known: Sequence[float]) -> Splits:
 
 
 @public
-def by_episode(dataset: Place, fractions: Sequence[float] = (0.8, 0.1, 0.1)) -> Splits:
+def by_episode(dataset: Place, fractions: Sequence[float] = (0.8, 0.1, 0.1)) -> SplitsByName:
     """Make `train`, `validation` and `test` of the first to the last episodes of every cell.
 
     The episodes of a cell are independent and identically distributed, so they need no shuffling.
@@ -99,7 +99,7 @@ def by_episode(dataset: Place, fractions: Sequence[float] = (0.8, 0.1, 0.1)) -> 
     Raises:
         UsageError: The fractions do not sum to 1, one has no episode, or the cells differ in their sizes.
     """
-    names = NAMES.get(len(fractions))
+    names = FRACTION_NAMES.get(len(fractions))
     if names is None or min(fractions) <= 0 or not math.isclose(sum(fractions), 1.0, abs_tol=1e-9):
         numbers = ", ".join(f"{fraction:.15g}" for fraction in fractions)
         raise UsageError(f"split: found fractions {numbers}, expected 2 or 3 above 0 that sum to 1")
@@ -111,7 +111,7 @@ def by_episode(dataset: Place, fractions: Sequence[float] = (0.8, 0.1, 0.1)) -> 
         )
     n = counts.pop()
     bounds = [round(n * sum(fractions[:i])) for i in range(len(names))] + [n]
-    splits: Splits = dict.fromkeys(NAMES[3])
+    splits: SplitsByName = dict.fromkeys(FRACTION_NAMES[3])
     for name, (low, high) in zip(names, pairwise(bounds), strict=True):
         if low >= high:
             found = f"found {counted(n, 'episode')} in each cell, of which {name} has none"
@@ -121,7 +121,7 @@ def by_episode(dataset: Place, fractions: Sequence[float] = (0.8, 0.1, 0.1)) -> 
 
 
 @public
-def by_policy(dataset: Place) -> Splits:
+def by_policy(dataset: Place) -> SplitsByName:
     """Make a split of each policy, named by its label.
 
     Args:
@@ -137,7 +137,7 @@ def _spec(dataset: Place) -> DatasetSpec:
     return spec_in(to_write(dataset).stored)
 
 
-SCHEMES: Mapping[str, Callable[..., Splits]] = {
+SCHEMES: Mapping[str, Callable[..., SplitsByName]] = {
     "transfer": transfer,
     "leave-one-out": leave_one_out,
     "episode": by_episode,

@@ -22,6 +22,7 @@ from ibdata.exporters import neorl
 from ibdata.exporters._source import Source
 
 VIEWS = {
+    "hidden": (1, {"observe": "markov", "imperfections": {"missing": {"latent_mu_v": 0.2}}}),
     "markov": (4, {"observe": "markov", "actions": True, "reward": {"consumption": 1, "fatigue": 1}}),
     "troubles": (
         3,
@@ -49,7 +50,7 @@ def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history
         "target",
         dataset.content_root,
     )
-    assert found["reward"] == view["reward"]
+    assert found["reward"] == view.get("reward", "classic")
     assert ("episodes" in found) == bool(found["imperfections"])
     assert found["imperfections"].get("delay") == view.get("imperfections", {}).get("delay")
 
