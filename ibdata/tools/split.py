@@ -14,7 +14,7 @@ from ibdata.experiment.fields import Split
 from ibdata.tools.rewrite import relabel, write_dataset
 
 SplitArg = Annotated[Mapping[str, Any] | Split | None, "a mapping such as {'setpoint': 20}"]
-SplitsArg = Annotated[Mapping[str, SplitArg] | None, "splits by name, such as {'calm': {'setpoint': 20}}"]
+SplitsArg = Annotated[Mapping[str, SplitArg] | None, "a mapping such as {'calm': {'setpoint': 20}}"]
 
 
 @public

@@ -179,8 +179,8 @@ MISTAKES = {
         {"setpoint": [20, 70], "policy": "safe"},
         "splits: setpoint: found .20, 70., expected a mapping",
     ),
-    "a name": ("policy", "splits: found 'policy', expected splits by name, such as {'calm'"),
-    "a list": (["train", "test"], "splits: found .'train', 'test'., expected splits by name"),
+    "a name": ("policy", "splits: found 'policy', expected a mapping such as {'calm'"),
+    "a list": (["train", "test"], "splits: found .'train', 'test'., expected a mapping such as"),
     "a list of episodes": (
         {"a": {"episodes": [0, 2]}},
         r"found '\[0, 2\]', expected a whole number, {start, stop}, or a share",
