@@ -34,6 +34,7 @@ with without_file(".numba_config.yaml"):
     import numba
     from numba.core import config
     from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
+    from numba.core.dispatcher import Dispatcher
     from numba.core.runtime.nrt import rtsys
 
 config._config_fname = ""  # for all later compilations
@@ -95,6 +96,14 @@ class CodeCache(NullCache):
     def _caches(self) -> list[FunctionCache]:
         """Made when first needed, because the function's module must be complete."""
         return [_cache_in(folder)(self._function) for folder in cache_folders().folders]
+
+    @property
+    def is_filled(self) -> bool:
+        """Whether machine code of the function, as it is now, is kept. Damaged files count, too."""
+        try:
+            return any(each._cache_file._load_index() for each in self._caches)
+        except Exception:
+            return True
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code for a signature, or None if it must be compiled."""
@@ -241,6 +250,23 @@ def inlined(function: F) -> F:
     than the work on one lane. It also saves compiling them alone.
     """
     return _compiled(function, inline=True)
+
+
+def uncompiled(function: Callable[..., object]) -> Path | None:
+    """A file of the cache for notes on a function whose code is not kept yet; None if it is, or never is."""
+    kept: CodeCache | None = getattr(function, "_cache", None)
+    folders = cache_folders().folders
+    if kept is None or not folders or kept.is_filled:
+        return None
+    return Path(folders[-1], f"{_hash(function.__module__)[:16]}.rows")
+
+
+def interpret() -> None:
+    """Run compiled functions as plain Python from now on, also in the processes that this one starts."""
+    os.environ["NUMBA_DISABLE_JIT"] = "1"
+    config.reload_config()
+    for names in [vars(module) for name, module in sys.modules.items() if name.startswith("ibdata.")]:
+        names |= {name: made.py_func for name, made in names.items() if isinstance(made, Dispatcher)}
 
 
 def _compiled(function: F, inline: bool = False) -> F:

@@ -11,16 +11,19 @@ from __future__ import annotations
 
 import hashlib
 from enum import IntEnum
+from types import FunctionType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ibdata._numerics.compiled import compiled
+from ibdata._numerics.compiled import compiled, inlined
 from ibdata._numerics.exact import normal, normals
 
 Floats = npt.NDArray[np.float64]
 Raw = npt.NDArray[np.uint64]
 Word = np.uint64
+Words = Any  # a number, or in plain Python an array
 
 BLOCK = 4  # integers per value of the counter
 ROUNDS = 10
@@ -42,18 +45,15 @@ def mulhi(a: np.uint64, b: np.uint64) -> np.uint64:
     return a_high * b_high + (mixed >> HALF) + (other >> HALF) + carried
 
 
-@compiled
-def philox(keys: Raw, c0: np.uint64, c1: np.uint64, c2: Raw, c3: np.uint64, out: Raw) -> None:
-    """Write the blocks for keys (2, n) and counters (c0, c1, c2, c3), where c2 is (n,), into out (4, n)."""
-    for i in range(c2.shape[0]):
-        k0, k1 = keys[0, i], keys[1, i]
-        w, x, y, z = c0, c1, c2[i], c3
-        for _ in range(ROUNDS):
-            high_0, low_0 = mulhi(MULTIPLIER_0, w), MULTIPLIER_0 * w
-            high_1, low_1 = mulhi(MULTIPLIER_1, y), MULTIPLIER_1 * y
-            w, x, y, z = high_1 ^ x ^ k0, low_1, high_0 ^ z ^ k1, low_0
-            k0, k1 = k0 + WEYL_0, k1 + WEYL_1
-        out[0, i], out[1, i], out[2, i], out[3, i] = w, x, y, z
+@inlined
+def philox(k0: Words, k1: Words, w: Words, x: Words, y: Words, z: Words) -> tuple[Words, Words, Words, Words]:
+    """The block for a key (k0, k1) and a counter (w, x, y, z)."""
+    for _ in range(ROUNDS):
+        high_0, low_0 = mulhi(MULTIPLIER_0, w), MULTIPLIER_0 * w
+        high_1, low_1 = mulhi(MULTIPLIER_1, y), MULTIPLIER_1 * y
+        w, x, y, z = high_1 ^ x ^ k0, low_1, high_0 ^ z ^ k1, low_0
+        k0, k1 = k0 + WEYL_0, k1 + WEYL_1
+    return w, x, y, z
 
 
 @compiled
@@ -71,7 +71,11 @@ def philox_blocks(keys: Raw, words: Raw, first: int, purpose: int, out: Raw) -> 
     for t in range(out.shape[0]):
         for b in range(per_step):
             block = Word(first + t * per_step + b) + ONE
-            philox(keys, block, Word(purpose), words, Word(0), out[t, BLOCK * b : BLOCK * (b + 1)])
+            rows = out[t, BLOCK * b : BLOCK * (b + 1)]
+            for i in range(words.shape[0]):
+                rows[0, i], rows[1, i], rows[2, i], rows[3, i] = philox(
+                    keys[0, i], keys[1, i], block, Word(purpose), words[i], Word(0)
+                )
 
 
 class Purpose(IntEnum):
@@ -122,10 +126,13 @@ def integers(
         Integers (steps, slots, n).
     """
     out = np.empty((steps, slots, len(indices)), dtype=np.uint64)
-    with np.errstate(over="ignore"):  # where nothing is compiled, numpy warns of products beyond 64 bits
-        philox_blocks(
-            np.ascontiguousarray(keys.T), indices.astype(np.uint64), step * slots // BLOCK, int(purpose), out
-        )
+    words, first = indices.astype(np.uint64), step * slots // BLOCK
+    if not isinstance(philox_blocks, FunctionType):
+        philox_blocks(np.ascontiguousarray(keys.T), words, first, int(purpose), out)
+    else:  # plain Python
+        counters = np.arange(first + 1, first + 1 + steps * slots // BLOCK, dtype=np.uint64)[:, None]
+        blocks = philox(keys[:, 0], keys[:, 1], counters, Word(purpose), words, Word(0))
+        out[:] = np.stack(np.broadcast_arrays(*blocks), axis=1).reshape(out.shape)
     return out
 
 

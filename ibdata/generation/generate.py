@@ -26,6 +26,7 @@ from ibdata.generation.build import Build, refuse_damage
 from ibdata.generation.places import place_at, refuse_name
 from ibdata.generation.process import Process, process_for
 from ibdata.generation.record import observe
+from ibdata.generation.small_work import interpret_few_rows
 from ibdata.generation.workers import Engine, select_engine
 
 MAX_PARTS = 100_000
@@ -90,6 +91,8 @@ def generate(
     elsewhere = shard_range is not None or engine != "local"
     for spec in specs:
         require_consent(spec, spec.name, allow_code, again=elsewhere)
+    if engine == "local":
+        interpret_few_rows(specs, places)
     if shard_range is not None:
         if folder or overwrite:
             problem = "a folder of experiments" if folder else OVERWRITE

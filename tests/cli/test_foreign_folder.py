@@ -102,7 +102,13 @@ def opened(folder, ibdata, tmp_path):
     return run
 
 
-def test_a_run_takes_nothing_from_the_folder(opened):
+@pytest.fixture(params=["compiled before", pytest.param("the first command", marks=pytest.mark.slow)])
+def cache(request, tmp_path, monkeypatch):
+    if request.param == "the first command":  # which is interpreted
+        monkeypatch.setenv("IBDATA_CACHE_DIR", str(tmp_path / "cache"))
+
+
+def test_a_run_takes_nothing_from_the_folder(cache, opened):
     (files,) = opened("generate --config x.yaml --out x")
     assert "x.yaml" in files
     assert not files & set(BAITS)

@@ -118,7 +118,6 @@ KNOWN = [
 
 @pytest.mark.parametrize(("key", "counter", "block"), KNOWN, ids=["zeros", "ones", "pi"])
 def test_a_block_is_that_of_the_known_answer(key, counter, block):
-    c0, c1, c2, c3 = map(Word, counter)
-    out = np.empty((4, 1), dtype=np.uint64)
-    philox(np.array(key, dtype=np.uint64).reshape(2, 1), c0, c1, np.array([c2]), c3, out)
-    assert [f"{x:016x}" for x in out[:, 0].tolist()] == block.split()
+    with np.errstate(over="ignore"):  # of numbers, where nothing is compiled
+        words = philox(*map(Word, (*key, *counter)))
+    assert [f"{int(word):016x}" for word in words] == block.split()
