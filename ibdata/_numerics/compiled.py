@@ -47,42 +47,48 @@ class Announcement:
     def __init__(self) -> None:
         self._under_way = 0  # functions that are being compiled, each for the one before it
         self._made = 0
+        self._of = ""
         self._said = False
 
     def begin(self, module: str) -> None:
         """Note that a function of a module is about to be compiled."""
         if not self._said:
-            notice(_text(module))
+            places = cache_folders()
+            if not any(any(Path(folder, "numba").glob("*.nbc")) for folder in places.folders):
+                self._of = f" of about {FUNCTIONS}"
+            notice(_text(module, bool(self._of), places.lasting))
             self._said = True
         self._under_way += 1
+        self._show()
 
     def end(self) -> None:
         """Note that the function has been compiled."""
         self._under_way -= 1
         self._made += 1
+        self._show()
+
+    def _show(self) -> None:
         if sys.stderr.isatty():
-            counted = f"ibdata: functions compiled: {self._made}" if self._under_way else ""
-            print(f"\r\033[K{counted}", end="", file=sys.stderr, flush=True)
+            line = f"ibdata: functions compiled: {self._made}{self._of}" if self._under_way else ""
+            print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
 
 
-def _text(module: str) -> str:
+def _text(module: str, is_first: bool, lasting: bool) -> str:
     """What is compiled, how long it takes, and how often."""
-    places = cache_folders()
-    what, duration = "the simulator", "about 10 seconds"
-    if any(any(Path(folder, "numba").glob("*.nbc")) for folder in places.folders):
-        what, duration = f"{module}, which was not used before", "a few seconds"
-        if places.lasting:
-            return f"compiling {what}; this takes {duration}"
-    if places.lasting:
-        return f"compiling {what}; this happens once and takes {duration}"
-    return (
-        f"compiling {what}; this takes {duration} in every run, because no cache folder can be "
-        "written to; set IBDATA_CACHE_DIR to one"
-    )
+    what, duration = f"{module}, which was not used before", "a few seconds"
+    if is_first:
+        what, duration = "the simulator", "about 12 seconds"
+    if not lasting:
+        return (
+            f"compiling {what}; this takes {duration} in every run, because no cache folder can be "
+            "written to; set IBDATA_CACHE_DIR to one"
+        )
+    return f"compiling {what}; this {'happens once and ' if is_first else ''}takes {duration}"
 
 
 # That hold compiled functions, and the constants in them.
 ROOMS = ("_numerics", "dynamics", "_simulation", "policies", "dataset.statistics", "views.variables")
+FUNCTIONS = 66  # of the simulator and the policy `random`
 ANNOUNCEMENT = Announcement()
 
 

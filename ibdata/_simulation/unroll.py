@@ -75,7 +75,8 @@ def unroll(
     """
     n, world = len(episodes), episodes.world
     recorded_steps, in_order = 0 if recorded is None else len(recorded), remembers(episodes.policy)
-    record = np.empty((len(rows), min(BLOCK, steps) + 1, n))
+    # One time more than needed: no block is contiguous then, so code that takes one is compiled once.
+    record = np.empty((len(rows), min(BLOCK, steps) + 2, n))
     actions, unplayed = np.empty((2, min(BLOCK, steps), n, 3), dtype=np.float32)
     log_density = np.zeros(actions.shape[:2])
     record[:, 0] = carry.state.values[rows] + 0.0

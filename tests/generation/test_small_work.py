@@ -7,6 +7,7 @@ import shutil
 import pytest
 
 import ibdata
+from ibdata._numerics.compiled import FUNCTIONS
 from ibdata._system import processes
 from ibdata._system.configs import shipped
 from ibdata.experiment import load
@@ -42,8 +43,8 @@ def first(ibdata, tmp_path):
     env = {k: v for k, v in os.environ.items() if k not in small_work.VARIABLES}
     env["IBDATA_CACHE_DIR"] = str(cache)
 
-    def run(*line):
-        done = ibdata(*line, "--json", env=env)
+    def run(*line, **variables):
+        done = ibdata(*line, "--json", env=env | variables)
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout), [path for path in cache.rglob("*") if path.is_file()]
 
@@ -79,6 +80,16 @@ def test_first_commands_make_the_same_rows_of_shipped_experiments(first, tmp_pat
     }
     assert len(roots) > 25
     assert roots == {name: ibdata.open(tmp_path / "data/x" / name).content_root for name in roots}
+
+
+@pytest.mark.slow
+def test_a_command_warms_the_cache(first):
+    """As Containerfile does it. What is said of the number of functions is right."""
+    line = ("generate", "random", "--set", "steps=10", "--out")
+    _, files = first(*line, "x", IBDATA_COMPILE="1")
+    assert abs(sum(path.suffix == ".nbc" for path in files) - FUNCTIONS) <= 3
+    _, later = first(*line, "y")
+    assert sorted(later) == sorted(files)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 from ibdata._numerics import compiled
 from ibdata._system.cache_folders import CacheFolders
 
-ONCE = "ibdata: compiling the simulator; this happens once and takes about 10 seconds\n"
+ONCE = "ibdata: compiling the simulator; this happens once and takes about 12 seconds\n"
 
 
 @pytest.fixture(autouse=True)
@@ -40,3 +40,16 @@ def test_what_a_later_process_compiles_is_a_part_and_without_a_cache_folder_the_
     places[0] = places[0]._replace(lasting=False)
     compiled.Announcement().begin("ibdata.policies.network")
     assert "in every run, because no cache folder can be written to" in capsys.readouterr().err
+
+
+def test_a_terminal_shows_how_many_functions_are_compiled(monkeypatch, capsys):
+    """In the same line, which is empty afterwards; of how many is known if it is the whole simulator."""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    said = compiled.Announcement()
+    said.begin("ibdata._simulation.kernel")
+    said.begin("ibdata.dynamics.step")
+    said.end()
+    said.end()
+    shown = capsys.readouterr().err.removeprefix(ONCE).split("\r\033[K")
+    counts = [f"ibdata: functions compiled: {n} of about {compiled.FUNCTIONS}" for n in (0, 0, 1)]
+    assert shown == ["", *counts, ""]

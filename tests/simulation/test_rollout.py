@@ -7,6 +7,8 @@ import pytest
 from helpers import by_hand
 from helpers.policies import action_of, log_density_of
 
+from ibdata._simulation.kernel import scatter_columns
+from ibdata._simulation.unroll import BLOCK
 from ibdata.dynamics import initial_state, step
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import rollout
@@ -195,3 +197,14 @@ def test_an_episode_does_not_depend_on_the_rest(usual, changes, episodes):
     for name, x in usual.items():
         same = x[list(episodes), : found[name].shape[1]].astype(found[name].dtype)
         assert same.tobytes() == found[name].tobytes(), name
+
+
+def test_the_length_of_a_run_compiles_nothing_anew():
+    """Whether or not the last block is a whole one."""
+    if not hasattr(scatter_columns, "signatures"):
+        pytest.skip("it is plain Python here")
+    made = []
+    for steps in (BLOCK, BLOCK + 1):
+        rollout(described(steps=steps), 0, 1)
+        made.append(set(scatter_columns.signatures))
+    assert made[0] == made[1]
