@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterable, Sequence
+from signal import SIGINT
 
 Loc = tuple[str | int, ...]  # the path of a value, by keys and indices
 
@@ -124,7 +125,8 @@ def excerpt(value: object, most: int = 60) -> str:
     >>> excerpt([[1, 2], [3, 4]], 8)
     '[[1, 2],'
     """
-    return " ".join(repr(value).split())[:most]
+    shape = getattr(value, "shape", ())
+    return f"{f'shape {shape}: ' if shape else ''}{' '.join(repr(value).split())}"[:most]
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
@@ -201,4 +203,5 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(signal_number, left)
 
     def __str__(self) -> str:
-        return f"stopped by signal {self.signal_number}; {self.left}"
+        by = "Ctrl-C" if self.signal_number == SIGINT else f"signal {self.signal_number}"
+        return f"stopped by {by}; {self.left}"

@@ -47,17 +47,13 @@ class Announcement:
     def __init__(self) -> None:
         self._under_way = 0  # functions that are being compiled, each for the one before it
         self._made = 0
-        self._of = ""
-        self._said = False
+        self._text = ""
 
     def begin(self, module: str) -> None:
         """Note that a function of a module is about to be compiled."""
-        if not self._said:
-            places = cache_folders()
-            if not any(any(Path(folder, "numba").glob("*.nbc")) for folder in places.folders):
-                self._of = f" of about {FUNCTIONS}"
-            notice(_text(module, bool(self._of), places.lasting))
-            self._said = True
+        if not self._text:
+            self._text = _text(module)
+            notice(self._text)
         self._under_way += 1
         self._show()
 
@@ -69,26 +65,23 @@ class Announcement:
 
     def _show(self) -> None:
         if sys.stderr.isatty():
-            line = f"ibdata: functions compiled: {self._made}{self._of}" if self._under_way else ""
+            of_all = f" of about {FUNCTIONS}" if SIMULATOR in self._text else ""
+            line = f"ibdata: functions compiled: {self._made}{of_all}" if self._under_way else ""
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
 
 
-def _text(module: str, is_first: bool, lasting: bool) -> str:
+def _text(module: str) -> str:
     """What is compiled, how long it takes, and how often."""
-    what, duration = f"{module}, which was not used before", "a few seconds"
-    if is_first:
-        what, duration = "the simulator", "about 12 seconds"
-    if not lasting:
-        return (
-            f"compiling {what}; this takes {duration} in every run, because no cache folder can be "
-            "written to; set IBDATA_CACHE_DIR to one"
-        )
-    return f"compiling {what}; this {'happens once and ' if is_first else ''}takes {duration}"
+    places = cache_folders()
+    is_first = not any(any(Path(folder, "numba").glob("*.nbc")) for folder in places.folders)
+    what = f"{SIMULATOR}, in about 12 seconds" if is_first else f"{module}, in a few seconds"
+    every = ", in every run because no cache folder can be written to; set IBDATA_CACHE_DIR to one"
+    return f"compiling {what}{', once' if places.lasting else every}"
 
 
 # That hold compiled functions, and the constants in them.
 ROOMS = ("_numerics", "dynamics", "_simulation", "policies", "dataset.statistics", "views.variables")
-FUNCTIONS = 66  # of the simulator and the policy `random`
+SIMULATOR, FUNCTIONS = "the simulator", 66  # its functions, and those of the policy `random`
 ANNOUNCEMENT = Announcement()
 
 
@@ -102,14 +95,6 @@ class CodeCache(NullCache):
     def _caches(self) -> list[FunctionCache]:
         """Made when first needed, because the function's module must be complete."""
         return [_cache_in(folder)(self._function) for folder in cache_folders().folders]
-
-    @property
-    def is_filled(self) -> bool:
-        """Whether machine code of the function, as it is now, is kept. Damaged files count, too."""
-        try:
-            return any(each._cache_file._load_index() for each in self._caches)
-        except Exception:
-            return True
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The machine code for a signature, or None if it must be compiled."""
@@ -259,12 +244,14 @@ def inlined(function: F) -> F:
 
 
 def uncompiled(function: Callable[..., object]) -> Path | None:
-    """A file of the cache for notes on a function whose code is not kept yet; None if it is, or never is."""
-    kept: CodeCache | None = getattr(function, "_cache", None)
-    folders = cache_folders().folders
-    if kept is None or not folders or kept.is_filled:
-        return None
-    return Path(folders[-1], f"{_hash(function.__module__)[:16]}.rows")
+    """Where to count what a function does in plain Python; None if its code is kept, or never compiled."""
+    name, folders = f"{function.__name__}-{_hash(function.__module__)[:16]}", cache_folders().folders
+    is_kept = any(any(Path(folder, "numba").glob(f"{name}.*.nbc")) for folder in folders)
+    return (
+        Path(folders[-1], f"{name}.rows")
+        if isinstance(function, Dispatcher) and folders and not is_kept
+        else None
+    )
 
 
 def interpret() -> None:

@@ -170,7 +170,7 @@ def _end_at_signals() -> None:
         return
 
     def end(number: int, frame: FrameType | None) -> None:
-        os.write(2, b"ibdata: stopped by signal %d\n" % number)
+        os.write(2, f"ibdata: {Interrupted(number)}\n".encode())
         os._exit(128 + number)
 
     for number in STOPPING:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ibdata.dataset.returns import Returns
 
 MAX_ROWS = 1_000_000
-SHOWN = ("policy", "setpoint", "episodes", "mean_return", "standard_error", "mean_reward", "score")
 
 
 @click.command("ls")
@@ -83,13 +82,14 @@ def _described(dataset: Dataset) -> str:
 def _scored(returns: Returns, measures: Mapping[str, float | None]) -> list[str]:
     """The first of the mean returns of each policy at each setpoint, and the measures of all returns."""
     from ibdata.dataset.quality import MEANING
+    from ibdata.dataset.returns import results_table
 
-    rows = [[*map(dict(line).get, SHOWN)] for line in returns["results"]]
-    lines = [as_text(Table([name.replace("_", " ") for name in SHOWN], rows[:MAX_LINES]))]
+    names, rows, *_ = results_table(returns)
+    lines = [as_text(Table(names, rows[:MAX_LINES]))]
     if len(rows) > MAX_LINES:
         lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")
     none = "no score: reference returns are stored for siemens and paper, three starts and mostly 1000 steps"
-    lines.append(f"score: {returns['scale']}" if returns["scale"] else none)
+    lines.append(f"score: {returns['scale']}; one episode has none" if returns["scale"] else none)
     for name, value in measures.items():
         if value is not None:
             lines.append(f"{name.replace('_', ' ')}: {value:.2f}, {MEANING[name]}")

@@ -62,6 +62,16 @@ class Dataset(Episodes):
         UsageError: The list is empty, or `merge` would refuse its datasets.
     """
 
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(
+            f"a dataset has no {name}; ibdata.card, export, split, plots.plot and others take one"
+        )
+
+    def __getitem__(self, name: Any) -> Any:
+        raise TypeError(
+            f"a dataset has no items; dataset.to_pandas()[{name!r}] is a column, arrays() has all"
+        )
+
     @public
     def table(
         self,

@@ -178,9 +178,10 @@ class Episodes:
 
         Returns:
             `results`, a list of dicts with policy, setpoint, episodes, steps, mean_return, standard_error,
-            interval, mean_reward (per step) and score; and `scale`, the meaning of the scores.
-            Scores exist for episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100,
-            from the starts default, uniform and {burn_in: [15, 64]}; for others, the score is None.
+            interval, mean_reward (per step), reference (the returns that score 0 and 100), score and its
+            standard error, score_error; and `scale`, the meaning of the scores. There are references for
+            episodes of 1000 steps under a published variant, at the setpoints 0, 5 … 100, from the starts
+            default, uniform and {burn_in: [15, 64]}. A single episode has no score.
 
         Raises:
             UsageError: The selection is empty.

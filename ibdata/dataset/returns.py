@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import NamedTuple, TypedDict
+from typing import Any, NamedTuple, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import decimal
 from ibdata.dataset.models import Info
 from ibdata.dataset.reference_returns import scale_of
+from ibdata.dataset.tabular import Table
 
 Ints = npt.NDArray[np.int64]
 Objects = npt.NDArray[np.object_]
@@ -31,11 +32,13 @@ class Result(TypedDict):
     standard_error: float | None  # of the mean; None for one episode
     interval: tuple[float, float] | None  # of 95 % confidence
     mean_reward: float  # per step
-    score: float | None
+    reference: tuple[float, float] | None  # the returns of score 0 and 100
+    score: float | None  # None for one episode, which does not tell how far it is off
+    score_error: float | None  # standard error, from the episodes of the dataset
 
 
 class Returns(TypedDict):
-    """The results, and the meaning of their scores; None if there are no scores."""
+    """The results, and the meaning of their scores; None if there is no reference."""
 
     results: list[Result]
     scale: str | None
@@ -51,6 +54,7 @@ class Average(NamedTuple):
     standard_error: float | None
     mean_reward: float
     score: float | None
+    score_error: float | None
 
 
 def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
@@ -77,7 +81,8 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
     for numbers in _of_equal(cells, lengths):
         estimated, first = estimate([returns[numbers]]), numbers[0]
         setpoint, steps = decimal(setpoints[first]), int(lengths[first])
-        scale = scales[steps]
+        scale, error = scales[steps], estimated.standard_error
+        ends = scale.ends([setpoint]) if scale else None
         results.append(
             {
                 "policy": policies[first],
@@ -85,13 +90,15 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
                 "episodes": len(numbers),
                 "steps": steps,
                 "mean_return": estimated.mean,
-                "standard_error": estimated.standard_error,
+                "standard_error": error,
                 "interval": estimated.interval,
                 "mean_reward": estimated.mean / steps,
-                "score": scale.score(setpoint, estimated.mean) if scale else None,
+                "reference": ends,
+                "score": scale.score(setpoint, estimated.mean) if scale and error is not None else None,
+                "score_error": 100.0 * error / (ends[1] - ends[0]) if ends and error is not None else None,
             }
         )
-    scored = {result["steps"] for result in results if result["score"] is not None}
+    scored = {result["steps"] for result in results if result["reference"]}
     texts = [scale.text for steps, scale in scales.items() if scale and steps in scored]
     return {"results": results, "scale": "; ".join(texts) or None}
 
@@ -122,23 +129,25 @@ def averages(results: Sequence[Result]) -> list[Average]:
 
 
 def _average(policy: str | None, results: Sequence[Result]) -> Average:
-    at: dict[float, list[Result]] = {}
+    at: dict[float, list[Any]] = {}
     for result in results:
         at.setdefault(result["setpoint"], []).append(result)
-    errors = [_mean_error(part) for part in at.values()]
-    known = [error for error in errors if error is not None]
-    mean = _mean([_mean([r["mean_return"] for r in part]) for part in at.values()])
-    scores = [r["score"] for r in results if r["score"] is not None]
+
+    def over_setpoints(combined: Callable[[list[Any]], Any], name: str) -> Any:
+        """A value of the results, combined at each setpoint and then over these; None if one has none."""
+        known = all(result[name] is not None for part in at.values() for result in part)
+        return combined([combined([r[name] for r in part]) for part in at.values()]) if known else None
+
+    mean, steps = over_setpoints(_mean, "mean_return"), results[0]["steps"]
     return Average(
         policy,
         sum(r["episodes"] for r in results),
-        results[0]["steps"],
+        steps,
         mean,
-        math.hypot(*known) / len(at) if len(known) == len(at) else None,
-        mean / results[0]["steps"],
-        _mean([_mean([r["score"] or 0.0 for r in part]) for part in at.values()])
-        if len(scores) == len(results)
-        else None,
+        over_setpoints(_error_of_mean, "standard_error"),
+        mean / steps,
+        over_setpoints(_mean, "score"),
+        over_setpoints(_error_of_mean, "score_error"),
     )
 
 
@@ -146,7 +155,17 @@ def _mean(numbers: Sequence[float]) -> float:
     return math.fsum(numbers) / len(numbers)
 
 
-def _mean_error(results: Sequence[Result]) -> float | None:
-    """The standard error of the mean of results; None if one has none."""
-    errors = [r["standard_error"] for r in results if r["standard_error"] is not None]
-    return math.hypot(*errors) / len(errors) if len(errors) == len(results) else None
+def _error_of_mean(errors: Sequence[float]) -> float:
+    return math.hypot(*errors) / len(errors)
+
+
+def results_table(returns: Returns) -> Table:
+    """A row for each result, with the scores and the reference if there is one."""
+    names = ("policy", "setpoint", "episodes", "return", "± s.e.", "random", "optimized", "score", "± s.e.")
+    rows = [
+        (r["policy"], r["setpoint"], r["episodes"], r["mean_return"], r["standard_error"],
+         *(r["reference"] or (None, None)), r["score"], r["score_error"])
+        for r in returns["results"]
+    ]  # fmt: skip
+    shown = len(names) if returns["scale"] else 5
+    return Table(names[:shown], [row[:shown] for row in rows])

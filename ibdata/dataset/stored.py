@@ -105,7 +105,7 @@ class Stored:
         Raises BusyError instead if the dataset has been replaced.
         """
         self.refuse_replaced()
-        remedy = f"; run ibdata repair {self.name}" if self.storage.url is None else ""
+        remedy = f"; run ibdata repair {self.name}" if os.path.isdir(self.name) else ""
         return self.storage.error(path, f"{problem}{remedy}")
 
     def refuse_replaced(self) -> None:

@@ -64,6 +64,8 @@ def find(config: str | os.PathLike[str]) -> Path:
             "files, each an experiment; ibdata init makes a first one"
         )
     if name not in known:
+        if os.path.isfile(f"{name}.yaml"):
+            raise UsageError(f"config: found {os.fspath(config)!r}; did you mean {name + '.yaml'!r}?")
         short = ", ".join(each for each in known if "/" not in each)
         expected = suggestion(name, known) or f", expected a file or one of {short}"
         raise UsageError(f"config: found {os.fspath(config)!r}{expected}")

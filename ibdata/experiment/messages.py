@@ -47,6 +47,13 @@ PATTERNS = {
     "2 to 200 letters, digits, spaces and . + - ( )",
     SHARE_PATTERN: "a whole number, {start, stop}, or a share such as first 90%",
 }
+# what is often written in place of something else, as its problem begins → how that is written
+WRITTEN = {
+    r"setpoints?\.\d+: .*drifting": "{drifting: [30, 70]}, where all setpoints move",
+    r"start: found 'burn_in'|start\.burn_in: found \d|burn_in: ": "start: {burn_in: [fewest, most]}",
+    r"splits\.[^.]+: found .*expected a mapping$": "{episodes: first 80%}",
+    r"setpoints?: found '[\d., ]+'": "[50, 70]",
+}
 
 
 def shown(value: Any) -> str:
@@ -66,7 +73,10 @@ class Problem(NamedTuple):
     def text(self) -> str:
         """The problem after the path of the value, whose parts are joined by dots."""
         key = ".".join(map(str, self.loc))
-        return f"{key}: {self.message}" if key else self.message
+        line = f"{key}: {self.message}" if key else self.message
+        return line + next(
+            (f"; write {text}" for known, text in WRITTEN.items() if re.match(known, line)), ""
+        )
 
 
 @contextmanager
@@ -132,6 +142,7 @@ def _message(error: Mapping[str, Any], options: list[str]) -> str:
         return "missing, expected a value"
     if kind in ("literal_error", "union_tag_invalid"):
         words = _words(context.get("expected") or context["expected_tags"])
+        words = [word for word in words if word != "live"]  # which only Python makes
         word = value.get("kind") if kind == "union_tag_invalid" and isinstance(value, dict) else value
         return f"found {shown(word)}{meant(str(word), words)}"
     if kind == "union_tag_not_found":

@@ -210,19 +210,19 @@ def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:
     """The returns of the behaviour, by policy."""
     returns = behaviour_returns(episodes, described)
     yield BODY
-    yield "| policy | episodes | steps | return | ± s.e. | reward/step | score |"
-    yield "|---|---|---|---|---|---|---|"
+    yield "| policy | episodes | steps | return | ± s.e. | reward/step | score | ± s.e. |"
+    yield "|---|---|---|---|---|---|---|---|"
     for a in averages(returns["results"]):
         error = "-" if a.standard_error is None else f"{a.standard_error:,.0f}"
-        score = "-" if a.score is None else f"{a.score:.1f}"
+        score, off = ("-" if x is None else f"{x:.1f}" for x in (a.score, a.score_error))
         policy = "all policies" if a.policy is None else a.policy
         yield (
             f"| {policy} | {a.episodes:,} | {a.steps:,} | {a.mean_return:,.0f} | {error} "
-            f"| {a.mean_reward:.2f} | {score} |"
+            f"| {a.mean_reward:.2f} | {score} | {off} |"
         )
     yield "\nA return is the sum of the rewards of an episode, not discounted. Setpoints have equal weights."
     if returns["scale"]:
-        yield f"Score: {returns['scale']}."
+        yield f"Score: {returns['scale']}. One episode does not tell its error, so it has none."
     yield ""
 
 

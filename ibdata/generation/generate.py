@@ -91,8 +91,7 @@ def generate(
     elsewhere = shard_range is not None or engine != "local"
     for spec in specs:
         require_consent(spec, spec.name, allow_code, again=elsewhere)
-    if engine == "local":
-        interpret_few_rows(specs, places)
+    interpret_few_rows(specs, places)
     if shard_range is not None:
         if folder or overwrite:
             problem = "a folder of experiments" if folder else OVERWRITE

@@ -10,6 +10,7 @@ from typing import Any
 from ibdata._numerics.naming import counted
 from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.quality import Quality
+from ibdata.dataset.returns import results_table
 from ibdata.dataset.tabular import Tabular, column_texts
 from ibdata.experiment import as_yaml
 from ibdata.experiment.dataset_spec import DatasetSpec
@@ -112,12 +113,8 @@ def _picture(name: str, data: bytes) -> str:
 
 def _returns(dataset: Dataset) -> Iterable[str]:
     returns = dataset.returns()
-    rows = [
-        (r["policy"], r["setpoint"], r["episodes"], r["mean_return"], r["standard_error"], r["mean_reward"],
-         r["score"])
-        for r in returns["results"]
-    ]  # fmt: skip
-    yield _table(("policy", "setpoint", "episodes", "return", "± s.e.", "reward/step", "score"), rows)
+    names, rows, *_ = results_table(returns)
+    yield _table(names, rows)
     if returns["scale"]:
         yield f"<p>score: {escape(returns['scale'])}</p>"
 

@@ -70,6 +70,8 @@ def block_of(value: Any) -> Any:
     """The block {kind: name} of a name, or that of an object of Python's; anything else as it is."""
     if isinstance(value, str):
         return {"kind": value}
+    if isinstance(value, type):
+        raise ValueError(f"found the class {value.__name__}, expected an object: {value.__name__}(…)")
     if can_act(value) and is_foreign(value):
         return {"kind": "live", "target": value}
     is_object = isinstance(value, Mapping) and value.get("kind") == "custom" and can_act(value.get("target"))

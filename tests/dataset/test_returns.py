@@ -29,7 +29,7 @@ def test_returns_are_by_policy_and_setpoint(dataset):
         assert r["mean_return"] == pytest.approx(rows.mean())
         assert r["standard_error"] == pytest.approx(rows.std() / np.sqrt(3))
         assert r["mean_reward"] == pytest.approx(rows.mean() / 40)
-        assert r["score"] is None
+        assert r["reference"] is r["score"] is r["score_error"] is None
     assert found["scale"] is None
 
 
@@ -46,9 +46,24 @@ def test_whole_episodes_from_the_default_start_have_a_score(whole):
     assert found["results"][1]["score"] == pytest.approx(100.0, abs=3.0)
     made = scale("siemens", "default", 1000, 1.0)
     assert found["results"][1]["score"] == made.score(70.0, found["results"][1]["mean_return"])
+    low, high = found["results"][1]["reference"]
+    error = found["results"][1]["standard_error"]
+    assert found["results"][1]["score_error"] == pytest.approx(100.0 * error / (high - low))
     assert found["scale"] == made.text
     assert "score: 0 = random, 100 = optimized" in shown(whole.path)
     assert "at the same setpoint: " in shown(whole.path)
+
+
+def test_one_episode_has_its_return_and_the_reference_and_no_score(describe, tmp_path):
+    """The score of one episode would be off by 36 to 54, and nothing would say so."""
+    changes = {"setpoints": [40, 60], "steps": 1000, "episodes": 1, "policies": ["random"]}
+    ds = ibdata.generate(describe(**changes), tmp_path / "one")
+    found = ds.returns()
+    made = scale("siemens", "default", 1000, 1.0)
+    assert [r["reference"] for r in found["results"]] == [made.ends([40.0]), made.ends([60.0])]
+    assert [(r["score"], r["score_error"]) for r in found["results"]] == [(None, None)] * 2
+    assert averages(found["results"])[0].score is None
+    assert "; one episode has none" in shown(ds.path)
 
 
 @pytest.fixture(scope="module")

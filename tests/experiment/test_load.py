@@ -17,10 +17,8 @@ WORDS = {  # of refused.txt
     "KINDS": ", ".join(POLICIES),
     "KEYS": ", ".join(Experiment.model_fields),
     "BASES": ", ".join(kind for kind, policy in POLICIES.items() if not issubclass(policy, Wrapper | Choice)),
-    "FIXED": ", ".join(
-        kind
-        for kind, policy in POLICIES.items()
-        if issubclass(policy, Deterministic) or kind in ("custom", "live")
+    "FIXED": ", ".join(  # without `live`, which no file can have
+        kind for kind, policy in POLICIES.items() if issubclass(policy, Deterministic) or kind == "custom"
     ),
 }
 # What stands in refused.txt: a line, and its problem indented below it.

@@ -53,10 +53,12 @@ def test_the_behaviour_has_its_returns_and_its_scores(tmp_path):
         mean = frame[frame["policy"] == policy]["return"].mean()
         error = sum(r["standard_error"] ** 2 for r in own) ** 0.5 / 2
         score = sum(r["score"] for r in own) / 2
-        row = f"| {policy} | 4 | 1,000 | {mean:,.0f} | {error:,.0f} | {mean / 1000:.2f} | {score:.1f} |"
+        off = sum(r["score_error"] ** 2 for r in own) ** 0.5 / 2
+        numbers = f"{mean:,.0f} | {error:,.0f} | {mean / 1000:.2f} | {score:.1f} | {off:.1f}"
+        row = f"| {policy} | 4 | 1,000 | {numbers} |"
         assert row in lines
     assert any(line.startswith("| all policies | 8 | 1,000 | ") for line in lines)
-    assert f"Score: {returns['scale']}." in lines
+    assert any(line.startswith(f"Score: {returns['scale']}. One episode ") for line in lines)
 
 
 def test_the_card_says_how_to_cite_as_the_documents_do(small):

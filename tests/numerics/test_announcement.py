@@ -7,7 +7,7 @@ import pytest
 from ibdata._numerics import compiled
 from ibdata._system.cache_folders import CacheFolders
 
-ONCE = "ibdata: compiling the simulator; this happens once and takes about 12 seconds\n"
+ONCE = "ibdata: compiling the simulator, in about 12 seconds, once\n"
 
 
 @pytest.fixture(autouse=True)
@@ -35,11 +35,11 @@ def test_what_a_later_process_compiles_is_a_part_and_without_a_cache_folder_the_
     (tmp_path / "numba").mkdir()
     (tmp_path / "numba/x.nbc").touch()
     compiled.Announcement().begin("ibdata.policies.network")
-    said = "ibdata: compiling ibdata.policies.network, which was not used before; this takes a few seconds\n"
+    said = "ibdata: compiling ibdata.policies.network, in a few seconds, once\n"
     assert capsys.readouterr().err == said
     places[0] = places[0]._replace(lasting=False)
     compiled.Announcement().begin("ibdata.policies.network")
-    assert "in every run, because no cache folder can be written to" in capsys.readouterr().err
+    assert "in every run because no cache folder can be written to" in capsys.readouterr().err
 
 
 def test_a_terminal_shows_how_many_functions_are_compiled(monkeypatch, capsys):
