@@ -63,14 +63,10 @@ class Dataset(Episodes):
     """
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(
-            f"a dataset has no {name}; ibdata.card, export, split, plots.plot and others take one"
-        )
+        raise AttributeError(f"a dataset has no {name}; ibdata.card, export, plots.plot and others take one")
 
     def __getitem__(self, name: Any) -> Any:
-        raise TypeError(
-            f"a dataset has no items; dataset.to_pandas()[{name!r}] is a column, arrays() has all"
-        )
+        raise TypeError(f"a dataset has no items; to_pandas()[{name!r}] is a column, arrays() has all")
 
     @public
     def table(

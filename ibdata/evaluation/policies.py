@@ -130,9 +130,7 @@ def _named(name: str | os.PathLike[str]) -> Policy:
         place, source, folder = "policy", text.encode(), None
     else:
         if os.path.isdir(text):
-            raise UsageError(
-                f"policy: found the folder {text}, expected a policy; ibdata info shows a dataset"
-            )
+            raise UsageError(f"policy: found the folder {text}; ibdata info shows a dataset")
         known = f"one of {', '.join(POLICIES)}, a block such as '{{kind: safe}}', or a file with one"
         raise UsageError(f"policy: found {text!r}{suggestion(text, POLICIES) or f', expected {known}'}")
     try:

@@ -74,9 +74,8 @@ class Problem(NamedTuple):
         """The problem after the path of the value, whose parts are joined by dots."""
         key = ".".join(map(str, self.loc))
         line = f"{key}: {self.message}" if key else self.message
-        return line + next(
-            (f"; write {text}" for known, text in WRITTEN.items() if re.match(known, line)), ""
-        )
+        written = (f"; write {text}" for known, text in WRITTEN.items() if re.match(known, line))
+        return line + next(written, "")
 
 
 @contextmanager

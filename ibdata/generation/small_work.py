@@ -37,7 +37,6 @@ def interpret_few_rows(specs: Iterable[DatasetSpec], places: Iterable[Path | str
     with suppress(OSError), rows_before.open("ab") as file:  # a byte for a row
         if file.tell() + rows <= ENOUGH:
             file.write(bytes(rows))
-            file.flush()
             seconds = counted(1 + rows // A_SECOND, "second")
             notice(f"{rows:,} rows in plain Python, about {seconds}; nothing is compiled for so few")
             interpret()

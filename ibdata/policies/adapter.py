@@ -80,9 +80,8 @@ class Adapter:
         if hasattr(self.target, "decide") or hasattr(self.target, "act"):
             numbers = f"random numbers {observed.draws.shape}" if observed.draws.size else NO_NUMBERS
             return f"observations {(n, history, columns)} and {numbers}"
-        return (
-            f"observations {(n, history * columns)}{'; history= gives more than one' if history == 1 else ''}"
-        )
+        hint = "; history= gives more than one" if history == 1 else ""
+        return f"observations {(n, history * columns)}{hint}"
 
     def _call(self, observed: Observed, state: Any) -> Answer:
         """Ask the object by the first of its methods."""

@@ -303,9 +303,7 @@ class Custom(UserObject):
                 module = acting.imported(self.source, file)
                 if not hasattr(module, name):
                     names = [known for known in vars(module) if not known.startswith("_")]
-                    hint = (
-                        "; give the object itself" if self.source == "__main__" else suggestion(name, names)
-                    )
+                    hint = "; give the object" if self.source == "__main__" else suggestion(name, names)
                     raise PolicyError(f"{self.target}: found no {name!r} in the module{hint}")
                 actor = self._object_of(getattr(module, name))
         except (PolicyError, UsageError, KeyboardInterrupt):

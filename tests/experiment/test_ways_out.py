@@ -40,11 +40,11 @@ def made(tmp_path_factory):
     ("call", "line"),
     [
         (lambda ds: ibdata.evaluate(["random"], "50,70"), "write [50, 70]"),
-        (lambda ds: ibdata.evaluate(os.fspath(ds.path)), "expected a policy; ibdata info shows a dataset"),
+        (lambda ds: ibdata.evaluate(os.fspath(ds.path)), "; ibdata info shows a dataset"),
         (lambda ds: ibdata.evaluate(Mine()), "(32, 6); history= gives more than one"),
         (lambda ds: ibdata.rollouts(ds, rows=[0], actions=np.zeros((5, 2))), "found shape (5, 2): array("),
-        (lambda ds: ds["reward"], "dataset.to_pandas()['reward'] is a column"),
-        (lambda ds: ds.plot(), "a dataset has no plot; ibdata.card, export, split, plots.plot "),
+        (lambda ds: ds["reward"], "; to_pandas()['reward'] is a column"),
+        (lambda ds: ds.plot(), "a dataset has no plot; ibdata.card, export, plots.plot "),
         (lambda ds: ds.export("npz"), "a dataset has no export; ibdata.card, export"),
     ],
 )
