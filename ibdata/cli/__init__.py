@@ -31,7 +31,7 @@ from ibdata.version import __version__
 COMMANDS = {  # by what they are for; the module of each
     "Use": {
         "init": "make", "generate": "make", "info": "read", "head": "read", "stats": "read", "plot": "use",
-        "evaluate": "use", "export": "use", "config": "use",
+        "evaluate": "evaluate", "export": "use", "config": "use",
     },
     "Maintain": {
         "ls": "read", "validate": "check", "repair": "check", "reproduce": "check", "split": "make",

@@ -109,13 +109,6 @@ MOST_EPISODES = 10_000_000  # of a range
 LOCAL, YAML = Place(urls=False), Yaml()
 
 
-def policies(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """The kinds of policies that begin as the incomplete word does."""
-    from ibdata.policies import POLICIES
-
-    return [CompletionItem(kind) for kind in POLICIES if kind.startswith(incomplete)]
-
-
 def configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Files, and the shipped experiments."""
     from ibdata._system.configs import shipped, suites

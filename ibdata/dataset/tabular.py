@@ -13,15 +13,36 @@ if TYPE_CHECKING:
     import pandas as pd
 
 MOST_ROWS = 60  # that are shown of a table
+WIDTH = 80  # of a terminal
 MOST_VALUES = 10  # that are shown of a list
 
 
 class Table(NamedTuple):
-    """Named columns, rows of values, and lines of text below them. None is shown as a dash."""
+    """Named columns, rows of values, and lines of text below them. None is shown as a dash.
+
+    A row that is a text is a heading of the rows below it.
+    """
 
     names: Sequence[str]
     rows: Sequence[Sequence[Any]]
     notes: Sequence[str] = ()
+    most: int | None = MOST_ROWS  # rows that are shown; None shows all
+
+    def fitting(self, *least_needed: str) -> Table:
+        """The table without those columns, the first ones first, that a terminal has no room for."""
+        table = self
+        for name in least_needed:
+            if max(map(len, as_text(table._replace(notes=())).split("\n"))) > WIDTH:
+                kept = [column for column in table.names if column != name]
+                at = [table.names.index(column) for column in kept]
+                table = table._replace(
+                    names=kept, rows=[x if isinstance(x, str) else [x[i] for i in at] for x in table.rows]
+                )
+        return table
+
+
+class Number(str):
+    """A number as it is shown, which stands on the right of its column."""
 
 
 class Tabular(ABC):
@@ -77,11 +98,13 @@ def as_text(table: Table) -> str:
     random      –
     score: 0 to 100
     """
-    cells = [list(table.names), *_cells(table)]
-    right = _numeric(table)
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    cells = [list(table.names), *cells_of(table)]
+    right = is_numeric(table)
+    widths = [max(map(len, column)) for column in zip(*filter(_is_row, cells), strict=True)]
     lines = [
         "  ".join(x.rjust(w) if r else x.ljust(w) for x, w, r in zip(line, widths, right, strict=True))
+        if _is_row(line)
+        else str(line)
         for line in (cells if table.rows else ())
     ]
     return "\n".join([*map(str.rstrip, lines), *_notes(table)])
@@ -113,10 +136,12 @@ def as_html(tables: Sequence[Table]) -> str:
     parts = []
     for table in tables:
         if table.rows:
-            styles = [f' style="text-align: {"right" if right else "left"}"' for right in _numeric(table)]
+            styles = [f' style="text-align: {"right" if right else "left"}"' for right in is_numeric(table)]
             lines = [
                 "".join(f"<{tag}{style}>{escape(x)}</{tag}>" for x, style in zip(cells, styles, strict=True))
-                for tag, cells in [("th", table.names), *(("td", row) for row in _cells(table))]
+                if _is_row(cells)
+                else f'<th colspan="{len(styles)}">{escape(str(cells))}</th>'
+                for tag, cells in [("th", table.names), *(("td", row) for row in cells_of(table))]
             ]
             parts.append("\n".join(["<table>", *(f"<tr>{line}</tr>" for line in lines), "</table>"]))
         parts += [f"<p>{escape(line)}</p>" for line in _notes(table)]
@@ -136,18 +161,27 @@ def column_texts(values: Sequence[Any]) -> list[str]:
     return [_shown(value, number_format) for value in values]
 
 
-def _numeric(table: Table) -> list[bool]:
+def _is_row(row: Sequence[Any]) -> bool:
+    """Whether a row is none that is a heading."""
+    return not isinstance(row, str)
+
+
+def is_numeric(table: Table) -> list[bool]:
     """Whether each column holds numbers."""
-    return [any(isinstance(x, int | float) for x in column) for column in zip(*table.rows, strict=True)]
+    columns = zip(*filter(_is_row, table.rows), strict=True)
+    return [any(isinstance(x, int | float | Number) for x in column) for column in columns]
 
 
-def _cells(table: Table) -> list[list[str]]:
-    columns = [column_texts(column) for column in zip(*table.rows[:MOST_ROWS], strict=True)]
-    return [list(row) for row in zip(*columns, strict=True)]
+def cells_of(table: Table) -> list[list[str] | str]:
+    """The rows that are shown, as texts; those that are headings are one text."""
+    rows = table.rows[: table.most]
+    columns = [column_texts(column) for column in zip(*filter(_is_row, rows), strict=True)]
+    texts = zip(*columns, strict=True)
+    return [list(next(texts)) if _is_row(row) else printable(str(row)) for row in rows]
 
 
 def _notes(table: Table) -> list[str]:
-    more = len(table.rows) - MOST_ROWS
+    more = len(table.rows) - len(table.rows[: table.most])
     return [*([f"and {more:,} more"] if more > 0 else []), *map(printable, table.notes)]
 
 

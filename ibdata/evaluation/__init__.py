@@ -9,10 +9,20 @@ from ibdata._numerics.arguments import public
 from ibdata._system.memory import refuse_too_much
 from ibdata._system.progress import bar
 from ibdata.errors import UsageError
-from ibdata.evaluation.baselines import DEFAULTS, Against, baselines_of
+from ibdata.evaluation.algorithms import CLAIM, KNOWN, YOURS, Group, algorithms_of
+from ibdata.evaluation.baselines import DEFAULTS, NO_CHANGE, Against, baselines_of, form_of
 from ibdata.evaluation.play import RETURN_BYTES, Played, checked_discount, play
-from ibdata.evaluation.policies import policies_of
-from ibdata.evaluation.results import SCALE, differences_of, notes, results_of, scores, with_references
+from ibdata.evaluation.policies import data_notes, is_trained, policies_of
+from ibdata.evaluation.results import (
+    REFERENCES,
+    SCALE,
+    differences_of,
+    mean_scores,
+    notes,
+    results_of,
+    scores,
+    with_references,
+)
 from ibdata.evaluation.results import Difference as Difference
 from ibdata.evaluation.results import Evaluation as Evaluation
 from ibdata.evaluation.results import Result as Result
@@ -78,7 +88,7 @@ def evaluate(
         UsageError, ConfigError: an argument is invalid.
         PolicyError: a policy failed, or returned no valid action.
     """
-    policies = policies_of(policy, history, allow_code)
+    policies, groups = policies_of(policy, history, allow_code)
     if not policies:
         raise UsageError("policy: found no policy, expected at least one")
     options = view_of(view)
@@ -90,14 +100,12 @@ def evaluate(
     choices = {"setpoint": setpoint, "steps": steps, "discount": discount, "episodes": episodes}
     choices |= {"start": start, "dynamics": dynamics, "seed": seed}
     chosen = {name: value for name, value in choices.items() if value is not None}
-    baselines = Against(DEFAULTS, []) if against is None else baselines_of(against, chosen, options)
+    baselines = Against(None, DEFAULTS, []) if against is None else baselines_of(against, chosen, options)
     settings = {**baselines.settings, **chosen}
     discount = checked_discount(settings.pop("discount"))
     scenario = scenario_of(**settings)
-    played: list[Policy] = [*policies.values()]
-    references: list[int] = []
-    if classic:
-        played, references = with_references(played, scenario.base)
+    kinds = () if not classic else REFERENCES if against is None else (*REFERENCES, NO_CHANGE)
+    played, references = with_references([*policies.values()], scenario.base, kinds)
     names = [*policies, *(policy.label for policy in played[len(policies) :])]
     cells = scenario.cells(zip(names, played, strict=True))
     refuse_too_much("episodes", RETURN_BYTES * len(cells) * scenario.episodes)
@@ -107,19 +115,40 @@ def evaluate(
     budget = None if options.cost is None else options.cost.budget
     labels, of_policies = list(policies), Played._make(part[: len(policies)] for part in everything)
     points = scenario.points
-    scored = scores(of_policies.discounted, everything.discounted[references])
-    all_notes = [*baselines.notes(), *notes(scenario.episodes, points, scored[0], classic)]
+    at_references = everything.discounted[references]
+    scored = scores(of_policies.discounted, at_references[: len(REFERENCES)])
+    all_notes = [*notes(scenario.episodes, points, scored[0], classic)]
     for (label, policy), notes_of_policy in zip(policies.items(), of_policies.notes, strict=True):
         all_notes += [f"{label}: {note}" for note in (*notes_of_policy, *other_dynamics(policy, scenario))]
+    members = {label: {name: policies[name] for name in names} for label, names in groups.items()}
+    yours = []
+    for label, of_label in members.items():
+        is_of_training = any(map(is_trained, of_label.values()))
+        at = [labels.index(name) for name in of_label]
+        yours.append(Group(label, YOURS, is_of_training, of_policies.discounted[at]))
+        all_notes += data_notes(label, list(of_label.values()), baselines.set)
+    again = dict(zip(kinds, at_references, strict=True))
+    others = [Group(kind, KNOWN, False, returns[None]) for kind, returns in again.items()]
+    others += baselines.lines(again)
+    sources = list(dict.fromkeys(group.source for group in others))
+    others.sort(key=lambda group: sources.index(group.source))
+    of_algorithms = against is not None or len(groups) < len(policies)
+    if of_algorithms:
+        all_notes += [CLAIM, baselines.protocol(settings | {"discount": discount})]
+    lines = [*yours, *others]
     return Evaluation(
         results_of(labels, points, of_policies, scored, scenario.steps, budget),
-        differences_of(labels, points, of_policies.discounted),
+        differences_of(yours, others if of_algorithms else [], points, of_algorithms),
         SCALE if any(score.score is not None for score in scored[0]) else None,
         of_policies.discounted,
         scenario.steps,
         discount,
         all_notes,
-        baselines.compared(labels, of_policies.discounted),
+        algorithms_of(
+            lines, points, [mean_scores(line, points, at_references[: len(REFERENCES)]) for line in lines]
+        ),
+        {**form_of(settings | {"discount": discount}), "against": baselines.set, "view": options.changed()},
+        members,
     )
 
 

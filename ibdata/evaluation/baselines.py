@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +18,8 @@ from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.models import JsonObject, Sha256
 from ibdata.errors import UsageError, parameter
+from ibdata.evaluation.algorithms import BEHAVIOUR as BEHAVIOUR
+from ibdata.evaluation.algorithms import KNOWN, Group
 from ibdata.experiment.catalogue import full_name
 from ibdata.experiment.scenario import scenario_of
 from ibdata.views.options import ViewOptions
@@ -29,7 +31,7 @@ Floats = npt.NDArray[np.float64]
 FILE = Path(__file__).with_name("baselines.jsonl")
 PROTOTYPES = FILE.with_name("prototypes.jsonl")
 PUBLISHED = FILE.with_name("published.csv")  # a row per set, a column per algorithm
-BEHAVIOUR = "behaviour"
+NO_CHANGE, IN_FILES = "constant", "zero"  # the policy that changes nothing, and its name in the files
 # The settings of an evaluation, with what `evaluate` takes where none is given.
 DEFAULTS: dict[str, Any] = {"setpoint": 70.0, "start": "default", "dynamics": "siemens"}
 DEFAULTS |= {"steps": 100, "discount": 0.97, "episodes": 100, "seed": 0}
@@ -180,61 +182,29 @@ def _beside_published() -> pd.DataFrame:
     return beside.assign(difference=beside["p10"] - beside["published_p10"])
 
 
-class Comparison(NamedTuple):
-    """A policy against those that an algorithm learned from data of a set, or against a known one.
-
-    `mean_return` is over the seeds whose policy did not fail, `lowest` and `highest` are the mean returns of
-    single seeds; all are unscaled. `mean_difference` is the return of `policy` minus the mean over the seeds,
-    paired by episodes; its errors are those of the episodes, for these trained policies.
-    """
-
-    set: str
-    trained_on: str
-    algorithm: str
-    seeds: int
-    mean_return: float | None
-    lowest: float | None
-    highest: float | None
-    policy: str
-    mean_difference: float | None
-    standard_error: float | None
-    interval: tuple[float, float] | None
-
-
 class Against(NamedTuple):
     """The baselines of a set with their evaluation that has some settings."""
 
+    set: str | None
     settings: dict[str, Any]
     evaluated: list[tuple[Baseline, Evaluated]]
 
-    def notes(self) -> Iterator[str]:
+    def protocol(self, settings: Mapping[str, Any]) -> str:
         """The settings of the evaluation, as a line."""
-        for name in dict.fromkeys(line.set for line, _ in self.evaluated):
-            yield f"against {name}: {_text(_form(self.settings))}"
+        return f"{f'against {self.set}: ' if self.set else ''}{_text(form_of(settings))}"
 
-    def compared(self, labels: Sequence[str], returns: Floats) -> list[Comparison]:
-        """Compare policies, by their returns (policies, setpoints, episodes), with each algorithm."""
-        runs: dict[tuple[str, str, str], list[Floats]] = {}
+    def lines(self, played: Iterable[str]) -> Iterator[Group]:
+        """What is stored: the known policies, without those that were played again, and the algorithms."""
+        runs: dict[tuple[str, str, bool], list[Floats]] = {}
         for line, evaluated in self.evaluated:
-            values = runs.setdefault((line.set, line.trained_on, line.algorithm), [])
+            returns = runs.setdefault((line.algorithm, line.trained_on, line.seed is not None), [])
             if evaluated.values is not None:
-                values.append(evaluated.values)
-        return [
-            _comparison(run, values, label, of_policy)
-            for label, of_policy in zip(labels, returns, strict=True)
-            for run, values in runs.items()
-        ]
-
-
-def _comparison(
-    run: tuple[str, str, str], values: Sequence[Floats], policy: str, returns: Floats
-) -> Comparison:
-    """Compare a policy with what the seeds of an algorithm returned."""
-    if not values:
-        return Comparison(*run, 0, None, None, None, policy, None, None, None)
-    means = [float(of_seed.mean()) for of_seed in values]
-    mean, difference = sum(means) / len(means), estimate(list(returns - np.mean(values, axis=0)))
-    return Comparison(*run, len(values), mean, min(means), max(means), policy, *difference)
+                returns.append(evaluated.values)
+        for (algorithm, trained_on, is_trained), returns in runs.items():
+            label, _, without = algorithm.partition(" ")
+            source = f"{trained_on} {without}".strip() if is_trained else KNOWN
+            if is_trained or algorithm not in {IN_FILES, *played}:
+                yield Group(label, source, is_trained, np.array(returns))
 
 
 def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Against:
@@ -249,16 +219,16 @@ def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Aga
         raise UsageError(f"{found}, expected classic: {parameter('against')} compares with it")
     of_set = [(line, evaluated) for line in lines if line.set == path for evaluated in line.evaluations]
     settings = _agreeing(name, [evaluated.settings for _, evaluated in of_set], chosen)
-    return Against(settings, [pair for pair in of_set if pair[1].settings == settings])
+    return Against(path, settings, [pair for pair in of_set if pair[1].settings == settings])
 
 
 def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[str, Any]) -> dict[str, Any]:
     """The first settings that agree with the chosen ones. Raises UsageError if there are none."""
     different = {repr(settings): settings for settings in evaluations}  # which are few
-    forms = [_form(settings) for settings in different.values()]
+    forms = [form_of(settings) for settings in different.values()]
     differences = []
     for settings, form in zip(different.values(), forms, strict=True):
-        asked = _form({**settings, **chosen})
+        asked = form_of({**settings, **chosen})
         differences.append({key: value for key, value in asked.items() if value != form[key]})
         if not differences[-1]:
             return settings
@@ -271,12 +241,13 @@ def _agreeing(name: str, evaluations: Sequence[dict[str, Any]], chosen: Mapping[
     )
 
 
-def _form(settings: Mapping[str, Any]) -> dict[str, Any]:
+def form_of(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Settings in one form, so that equal ones are equal."""
     scenario = scenario_of(**{key: value for key, value in settings.items() if key != "discount"})
     points = scenario.points if len(scenario.points) > 1 else scenario.points[0]
+    dynamics = scenario.model_dump(mode="json", include={"dynamics"}, exclude_none=True)["dynamics"]
     setpoint = {"drifting": points} if scenario.drifting else points
-    return {**settings, "setpoint": setpoint, "start": scenario.start_form, "dynamics": scenario.dynamics}
+    return {**settings, "setpoint": setpoint, "start": scenario.start_form, "dynamics": dynamics}
 
 
 def _text(settings: Mapping[str, Any]) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
+from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -16,6 +17,7 @@ from pydantic import TypeAdapter
 from ibdata._numerics.arguments import can_act, native
 from ibdata._numerics.naming import exact, unequal
 from ibdata.errors import ALLOW_CODE, ConfigError, UsageError, notice, printable, suggestion
+from ibdata.experiment import load
 from ibdata.experiment.messages import refusals, shown
 from ibdata.experiment.scenario import Scenario
 from ibdata.experiment.yaml import Document, StrictYamlError
@@ -28,31 +30,72 @@ from ibdata.policies.compound import block_of, is_foreign
 from ibdata.policies.libraries import far_notes, owner_of, scaling_of
 from ibdata.policies.network import Network
 from ibdata.policies.user_object import TARGET, Custom, ObjectPolicy, UserObject, refuse_shared
-from ibdata.policies.weights_file import SUFFIX
+from ibdata.policies.weights_file import SUFFIX, Weights
 from ibdata.views.options import OBSERVED, PLAIN, ViewOptions
 
 
-def policies_of(
-    policies: Any, history: int | Mapping[str, int] = 1, allow_code: bool = False
-) -> dict[str, Policy]:
-    """Return the policies that a user gave, by their labels. Of equal labels, the later ones get -2, -3, …
+class Given(NamedTuple):
+    """The policies that a user gave, by their labels, and under each label of theirs those that it has."""
 
-    A user gives what `as_policy` takes, a mapping of labels to that, or a list of both, and the history for
-    all or by label.
+    policies: dict[str, Policy]
+    groups: dict[str, list[str]]
+
+
+def policies_of(policies: Any, history: int | Mapping[str, int] = 1, allow_code: bool = False) -> Given:
+    """Return the policies that a user gave. Of equal labels, the later policies get -2, -3, …
+
+    A user gives what `as_policy` takes, a mapping of labels to that or to lists of it, or a list of both, and
+    the history for all or by label. Policies with one label are trainings of one algorithm.
     """
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
     parsed = [(label, *_parsed(argument, common, allow_code)) for label, argument in _labelled(policies)]
     labels = unequal(label or policy.label for label, policy, _ in parsed)
-    taking = [label for label, (_, _, takes_history) in zip(labels, parsed, strict=True) if takes_history]
+    groups: dict[str, list[str]] = {}
+    first: dict[str, str] = {}
+    for name, (label, _, _) in zip(labels, parsed, strict=True):
+        groups.setdefault(first.setdefault(label, name) if label else name, []).append(name)
+    takes = {label for label, (_, _, takes_history) in zip(labels, parsed, strict=True) if takes_history}
+    taking = [label for label, members in groups.items() if takes.intersection(members)]
     _refuse_unused(common, bool(taking))
     for label in lengths.keys() - taking:
         expected = f"one of {', '.join(taking)}" if taking else "no label"
         raise UsageError(f"history: found {label!r}, expected {expected}: others set their own number")
     by_label = {label: policy.labelled(label) for label, (_, policy, _) in zip(labels, parsed, strict=True)}
-    for label, length in lengths.items():
-        block = {**by_label[label].options(), "name": None, "history": length}
-        by_label[label] = _block(block, f"history: {label}").labelled(label)
-    return by_label
+    for group, length in lengths.items():
+        for label in takes.intersection(groups[group]):
+            block = {**by_label[label].options(), "name": None, "history": length}
+            by_label[label] = block_policy(block, f"history: {group}").labelled(label)
+    for label, members in groups.items():
+        _refuse_mixed(label, [by_label[member] for member in members])
+    return Given(by_label, groups)
+
+
+def is_trained(policy: Policy) -> bool:
+    """Whether a policy is of a user's object or of a network."""
+    return any(policy.everywhere(UserObject)) or any(policy.everywhere(Network))
+
+
+def _refuse_mixed(label: str, policies: Sequence[Policy]) -> None:
+    """Raise UsageError for policies of one label that are no trainings of one algorithm."""
+    if len(policies) == 1:
+        return
+    where, meant = f"policy {printable(label)}", "one label is one algorithm, with a policy of each training"
+    for policy in policies:
+        if not is_trained(policy):
+            raise UsageError(f"{where}: found {policy.form()['kind']}, which is not trained; {meant}")
+    for one, other in combinations(policies, 2):
+        objects = [part.target for part in (one, other) if isinstance(part, ObjectPolicy)]
+        if one.is_same(other) if not objects else len(objects) == 2 and objects[0] is objects[1]:
+            raise UsageError(f"{where}: found the same policy twice; {meant}")
+    layers = {
+        tuple(
+            (part.weights.metadata.frames, part.weights.sizes.tobytes())
+            for part in policy.everywhere(Network)
+        )
+        for policy in policies
+    }
+    if len(layers) > 1:
+        raise UsageError(f"{where}: found networks of different frames or layers; {meant}")
 
 
 def _refuse_unused(history: int, takes_history: bool) -> None:
@@ -72,10 +115,13 @@ def _labelled(policies: Any) -> Iterator[tuple[str | None, Any]]:
         if can_act(argument) or not isinstance(argument, Mapping) or "kind" in argument:
             yield None, argument
             continue
-        for label, policy in argument.items():
+        for label, given in argument.items():
             if not (isinstance(label, str) and label.strip() and label.isprintable()):
                 raise UsageError(f"policy: found the label {label!r}, expected a name")
-            yield label, policy
+            several = given if isinstance(given, list) and not can_act(given) else [given]
+            if not several:
+                raise UsageError(f"policy {label}: found no policy, expected at least one")
+            yield from ((label, policy) for policy in several)
 
 
 def as_policy(policy: Any, history: int = 1, allow_code: bool = False) -> Policy:
@@ -110,9 +156,9 @@ def _policy_of(argument: Any, history: int) -> tuple[Policy, bool]:
     if can_act(argument):
         takes_history = not has_needs(argument)
         length = {"history": history} if takes_history else {}
-        return _block({**block_of(argument), **length}, "policy"), takes_history
+        return block_policy({**block_of(argument), **length}, "policy"), takes_history
     if isinstance(argument, Mapping):
-        return _block(argument, "policy"), False
+        return block_policy(argument, "policy"), False
     if isinstance(argument, str | os.PathLike):
         return _named(argument), False
     raise UsageError(f"policy: found {shown(argument)}, expected one policy: a kind, a block, {EXPECTED}")
@@ -121,7 +167,9 @@ def _policy_of(argument: Any, history: int) -> tuple[Policy, bool]:
 def _named(name: str | os.PathLike[str]) -> Policy:
     text = os.path.expanduser(name)
     if text in POLICIES:
-        return _block({"kind": text}, f"policy {text}")
+        return block_policy({"kind": text}, f"policy {text}")
+    if text.endswith(SUFFIX) and "{" not in text:
+        return block_policy({"kind": "network", "file": text}, f"policy {name}").labelled(Path(text).stem)
     if os.path.isfile(text):
         place, source, folder = text, Path(text).read_bytes(), Path(text).parent
         if b"\0" in source or text.endswith(".py"):
@@ -144,15 +192,13 @@ def _named(name: str | os.PathLike[str]) -> Policy:
             )
         example = f"{{kind: custom, target: {text!r}}}" if re.match(TARGET, text) else "{kind: safe}"
         raise ConfigError([f"{place}: found {shown(block)}, expected a block such as '{example}'"])
-    return _block(block, place, folder)
+    return block_policy(block, place, folder)
 
 
 def _of_no_yaml(path: str) -> str:
     """What to do with a file that is not YAML."""
     if path.endswith(".py"):
         return f"{path}: found Python, expected a block; write '{{kind: custom, target: {path}:NAME}}'"
-    if path.endswith(SUFFIX):
-        return f"{path}: found a file of weights, expected a block; write '{{kind: network, file: {path}}}'"
     return (
         f"{path}: found a file that is no text, expected a block; if it holds a model, load that in Python "
         "and call ibdata.evaluate(model), or ibdata.save_network to write a file of weights"
@@ -192,10 +238,15 @@ def _any_policy() -> TypeAdapter[Policy]:
     return TypeAdapter(AnyPolicy)
 
 
-def _block(block: Mapping[str, Any], place: str, folder: Path | None = None) -> Policy:
+def block_policy(
+    block: Mapping[str, Any],
+    place: str,
+    folder: Path | None = None,
+    weights: dict[str, Weights] | None = None,
+) -> Policy:
     """The policy of a block in a file of this folder. The lines of a ConfigError begin with the place."""
     with refusals(block, Policy, lambda problem: f"{place}: {problem.text}") as block:
-        return _any_policy().validate_python(block, context={"folder": folder, "weights": {}})
+        return _any_policy().validate_python(block, context={"folder": folder, "weights": weights or {}})
 
 
 MOST = 80  # of the 101 whole setpoints; a policy that acts alike at fewer of them saturates there
@@ -227,10 +278,27 @@ def setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions = PLAIN
         user_object.adapter.clipped[:] = 0  # what was asked here is made up
 
 
+def data_notes(label: str, policies: Sequence[Policy], set_name: str | None) -> Iterator[str]:
+    """What says that the networks of a label saw different data, or others than those of a set, in lines."""
+    weights = [part.weights for policy in policies for part in policy.everywhere(Network)]
+    if len({(each.mean.tobytes(), each.std.tobytes()) for each in weights}) > 1:
+        yield f"{label}: its networks scale observations differently, so they saw different data"
+    cells = load(set_name).cells if weights and set_name is not None else ()
+    if not cells or cells[0].drifting:
+        return
+    low, high = min(cell.setpoint for cell in cells), max(cell.setpoint for cell in cells)
+    for mean, std in dict.fromkeys((float(x.mean[SETPOINT]), float(x.std[SETPOINT])) for x in weights):
+        # A scaler that saw one setpoint has the deviation 0, or 1 in its place.
+        if not low - 0.01 <= mean <= high + 0.01 or std > max(1.0, 0.51 * (high - low)):
+            yield (
+                f"{label}: it was trained on other data than {set_name}: it scales setpoints by the mean "
+                f"{mean:.4g} and the deviation {std:.4g}, those of the set are from {low:g} to {high:g}"
+            )
+
+
 def burn_in_notes(policy: Policy, scenario: Scenario) -> Iterator[str]:
     """What says that a trained policy sees frames which no row of a dataset has, in a line."""
-    trained = any(policy.everywhere(UserObject)) or any(policy.everywhere(Network))
-    if trained and policy.needs.history > 1 and not isinstance(scenario.world.start, str):
+    if is_trained(policy) and policy.needs.history > 1 and not isinstance(scenario.world.start, str):
         yield "its first histories show the burn-in; in `arrays` and `windows` they repeat the first row"
 
 

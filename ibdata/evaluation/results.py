@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import os
 from collections.abc import Iterator, Sequence
 from itertools import combinations
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,7 +17,15 @@ from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED, ZERO
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.evaluation.baselines import Comparison
+from ibdata.evaluation.algorithms import (
+    Algorithm,
+    Group,
+    differences_printed,
+    estimated,
+    parts_of,
+    printed,
+)
+from ibdata.evaluation.algorithms import Difference as Difference
 from ibdata.evaluation.play import Played
 from ibdata.policies import POLICIES, Policy
 
@@ -25,6 +36,8 @@ Floats = npt.NDArray[np.float64]
 
 OF_COSTS = ("mean_cost", "cost_error", "violations")  # are shown if the view has a cost
 WIDE = ("interval", "clipped", "expert_score")  # are shown by `results`, `to_pandas` and --json only
+# Columns that are left out, the first ones first, where a terminal has no room for them.
+LEAST_NEEDED = ("episodes", "mean_reward", "p10", "cost_error", "score_error", "standard_error")
 
 
 class Result(NamedTuple):
@@ -56,24 +69,14 @@ class Result(NamedTuple):
     violations: float | None = None
 
 
-class Difference(NamedTuple):
-    """The returns of `policy` minus those of `minus` in equal episodes, at a setpoint or over all (None)."""
-
-    policy: str
-    minus: str
-    setpoint: float | None
-    mean_difference: float
-    standard_error: float | None
-    interval: tuple[float, float] | None
-
-
 @dataclasses.dataclass(frozen=True, repr=False)
 class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
-    `scale` says what scores mean, and `notes` which baselines were compared, why errors or scores are missing
-    and what may be wrong with a policy, a line for each. `baselines` compares the policies with the shipped
-    results on a set.
+    `scale` says what scores mean, and `notes` which set was compared, why errors or scores are missing and
+    what may be wrong with a policy, a line for each. `algorithms` has a line for each label, beside known
+    policies and the algorithms of the set. `settings` are the arguments that make the episodes, and `groups`
+    the policies under each label.
     """
 
     results: list[Result]
@@ -83,19 +86,53 @@ class Evaluation(Tabular):
     steps: int
     discount: float
     notes: list[str]
-    baselines: list[Comparison] = dataclasses.field(default_factory=list)
+    algorithms: list[Algorithm]
+    settings: dict[str, Any]
+    groups: dict[str, dict[str, Policy]]
 
-    def tables(self) -> list[Table]:
-        """The results and, if there are several policies, their differences; without what is wide."""
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+        """Write the table to a file, in the format of its ending.
+
+        Args:
+            path: where to write: .tex (a LaTeX table that needs booktabs), .md, .csv, or .json, which
+                `ibdata evaluate --again` plays again.
+            overwrite: replace a file that exists.
+
+        Returns:
+            The path.
+
+        Raises:
+            UsageError: the ending is another one, or the file exists.
+        """
+        from ibdata.evaluation import saving
+
+        place = saving.place_of(path, overwrite)
+        saving.save(self, place)
+        return place
+
+    @property
+    def said(self) -> list[str]:
+        """What scores mean, and the notes."""
         protocol = f"{self.steps} steps, discount {self.discount:g}"
-        said = [*([f"score: {self.scale}: {protocol}"] if self.scale else []), *self.notes]
-        shown = [_shown(Result._fields, self.results, said)]
-        if self.baselines:
-            names = [name for name in Comparison._fields if name not in WIDE]
-            rows = [[getattr(row, name) for name in names] for row in self.baselines]
-            shown.append(Table(names, rows))
-        if self.differences:
-            shown.append(_shown(Difference._fields, self.differences))
+        return [*([f"score: {self.scale}: {protocol}"] if self.scale else []), *self.notes]
+
+    @property
+    def compares(self) -> bool:
+        """Whether algorithms are compared: with those of a set, or because a label has several seeds."""
+        return self.settings["against"] is not None or len(self.groups) < len(self.returns)
+
+    def tables(self, wide: bool = False) -> list[Table]:
+        """Algorithms that are compared, or results; and differences. A terminal has no room for `wide`."""
+        has_costs = any(result.mean_cost is not None for result in self.results)
+        shown = [_shown(self.results, wide)] if wide or has_costs or not self.compares else []
+        if self.compares:
+            shown.append(printed(self.algorithms, wide))
+        if self.differences and (wide or not self.compares):
+            shown.append(_shown(self.differences, wide))
+        elif own := [x for x in self.differences if x.minus in self.groups]:
+            shown.append(differences_printed([x for x in own if x.setpoint == own[-1].setpoint]))
+        at = -1 if self.compares else 0
+        shown[at] = shown[at]._replace(notes=self.said)
         return shown
 
     def to_pandas(self) -> pd.DataFrame:
@@ -113,16 +150,20 @@ class Evaluation(Tabular):
             "steps": self.steps,
             "discount": self.discount,
             "notes": self.notes,
-            **({"baselines": [each._asdict() for each in self.baselines]} if self.baselines else {}),
+            "algorithms": [each._asdict() for each in self.algorithms],
         }
 
 
-def _shown(names: Sequence[str], rows: Sequence[Result | Difference], notes: Sequence[str] = ()) -> Table:
-    """A table for the width of a terminal."""
-    hidden = WIDE if any(getattr(row, "mean_cost", None) is not None for row in rows) else (*WIDE, *OF_COSTS)
-    names = [name for name in names if name not in hidden]
+def _shown(rows: Sequence[Result | Difference], wide: bool) -> Table:
+    """All rows, in the columns for which a terminal has room, or in all."""
+    hidden = () if wide else WIDE
+    hidden = (
+        hidden if any(getattr(row, "mean_cost", None) is not None for row in rows) else (*hidden, *OF_COSTS)
+    )
+    names = [name for name in rows[0]._fields if name not in hidden]
     cells = [{**row._asdict(), **({"setpoint": "all"} if row.setpoint is None else {})} for row in rows]
-    return Table(names, [[row[name] for name in names] for row in cells], notes)
+    table = Table(names, [[row[name] for name in names] for row in cells], most=None)
+    return table if wide else table.fitting(*LEAST_NEEDED)
 
 
 def results_of(
@@ -137,12 +178,8 @@ def results_of(
     results = []
     for i, label in enumerate(labels):
         returns, rewards, clipped = played.discounted[i], played.undiscounted[i], played.clipped[i]
-        parts: list[tuple[float | None, list[int], Scores]] = [
-            (p, [j], scored[i][j]) for j, p in enumerate(setpoints)
-        ]
-        if len(setpoints) > 1:
-            parts.append((None, list(range(len(setpoints))), overall(scored[i])))
-        for p, columns, score in parts:
+        for p, columns in parts_of(setpoints):
+            score = overall([scored[i][column] for column in columns]) if p is None else scored[i][columns[0]]
             values = list(returns[columns])
             p10, reward = float(np.quantile(values, 0.1)), estimate(list(rewards[columns] / steps)).mean
             size, share = returns[columns].size, float(clipped[columns].mean())
@@ -152,15 +189,21 @@ def results_of(
     return results
 
 
-def differences_of(labels: Sequence[str], setpoints: Sequence[float], returns: Floats) -> list[Difference]:
-    """The paired differences of every two policies at each setpoint and, if there are several, over all."""
-    parts: list[tuple[float | None, list[int]]] = [(p, [j]) for j, p in enumerate(setpoints)]
-    if len(setpoints) > 1:
-        parts.append((None, list(range(len(setpoints)))))
+def differences_of(
+    groups: Sequence[Group], others: Sequence[Group], setpoints: Sequence[float], of_algorithms: bool
+) -> list[Difference]:
+    """The differences of every two groups, and of each from the others, at each setpoint and over all."""
+    pairs = [(b, a, a.label) for a, b in combinations(groups, 2)]
+    pairs += [
+        (group, other, f"{other.label} ({other.source})")
+        for group in groups
+        for other in others
+        if len(other.returns)
+    ]
     return [
-        Difference(labels[b], labels[a], p, *estimate(list(returns[b, columns] - returns[a, columns])))
-        for a, b in combinations(range(len(labels)), 2)
-        for p, columns in parts
+        Difference(policy.label, name, p, *estimated(policy.at(columns), minus.at(columns), of_algorithms))
+        for policy, minus, name in pairs
+        for p, columns in parts_of(setpoints)
     ]
 
 
@@ -177,13 +220,15 @@ class Scores(NamedTuple):
     expert_score: float | None = None
 
 
-def with_references(policies: Sequence[Policy], dynamics: str) -> tuple[list[Policy], list[int]]:
-    """Policies and the reference policies that they lack, and the places of the three reference policies.
+def with_references(
+    policies: Sequence[Policy], dynamics: str, kinds: Sequence[str] = REFERENCES
+) -> tuple[list[Policy], list[int]]:
+    """Policies and the reference policies that they lack, and the places of the reference policies.
 
     The expert is the one that is made for the published dynamics of this name.
     """
     played, places = list(policies), []
-    for kind in REFERENCES:
+    for kind in kinds:
         options = {"dynamics": dynamics} if kind == EXPERT else {}
         reference = POLICIES[kind].model_validate({"kind": kind, **options})
         same = [i for i, policy in enumerate(played) if policy.is_same(reference)]
@@ -220,6 +265,16 @@ def overall(at_setpoints: Sequence[Scores]) -> Scores:
         float(np.sqrt(np.square(errors).sum())) / n if len(errors) == n else None,
         sum(experts) / n if len(experts) == n else None,
     )
+
+
+def mean_scores(group: Group, setpoints: Sequence[float], references: Floats) -> dict[float | None, Any]:
+    """The mean score of the trainings of a line, by setpoint; None over all of them."""
+    by_training, found = scores(group.returns, references), {}
+    for p, columns in parts_of(setpoints):
+        each = [overall([row[column] for column in columns]).score for row in by_training]
+        known = [score for score in each if score is not None]
+        found[p] = math.fsum(known) / len(known) if known and len(known) == len(each) else None
+    return found
 
 
 def _between(returns: Floats, low: Floats, high: Floats) -> tuple[float | None, float | None]:

@@ -97,6 +97,7 @@ class Weights:
 
     Attributes:
         data: the bytes of the file.
+        file: its name, without the folder.
         metadata: its metadata.
         has_log_std: whether the outputs are 3 means and 3 log standard deviations, otherwise 3 means.
         mean: subtracted from the inputs, float32 (6 · frames,), newest frame first.
@@ -106,11 +107,12 @@ class Weights:
         parameters: their weights and biases, see `forward.packed`.
     """
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, file: str = "") -> None:
         if len(data) > MAX_BYTES:
             raise ValueError(f"found {len(data)} bytes, expected at most {MAX_BYTES}; use a smaller network")
         tensors, texts = read(data)
         self.data, self.sha256 = data, hashlib.sha256(data).hexdigest()
+        self.file = file or self.name
         self.metadata = _metadata(texts)
         inputs = COLUMNS * self.metadata.frames
         self.has_log_std = "log_std.bias" in tensors
@@ -139,8 +141,8 @@ class Weights:
             forward(x, self.sizes, self.parameters, self.metadata.activation == "tanh", into)
         return out
 
-    def __reduce__(self) -> tuple[Any, tuple[bytes]]:
-        return Weights, (self.data,)
+    def __reduce__(self) -> tuple[Any, tuple[bytes, str]]:
+        return Weights, (self.data, self.file)
 
 
 def name_in_dataset(sha256: str) -> str:
@@ -166,7 +168,7 @@ def weights_at(file: str, sha256: str | None, folder: Path | None, known: dict[s
     if file.removesuffix(SUFFIX) in shipped and not path.is_file():
         path = SHIPPED / f"{file.removesuffix(SUFFIX)}{SUFFIX}"
     try:
-        weights = Weights(plain_bytes(path, MAX_BYTES))
+        weights = Weights(plain_bytes(path, MAX_BYTES), path.name)
     except FileNotFoundError:
         where = "beside the YAML file" if folder else "in the current folder"
         hint = f" or one of {', '.join(shipped)}" if shipped else ""

@@ -133,7 +133,10 @@ def test_evaluate_prints_results_differences_and_the_scale(run):
     assert [d["setpoint"] for d in data["differences"]] == setpoints
     assert "100 = optimized" in data["scale"]
     lines = run("evaluate", "optimized", *places, *FEW)[1].splitlines()
-    assert lines[0].split() == [name for name in COLUMNS if name not in HIDDEN]
+    assert set(lines[0].split()) < set(COLUMNS) - set(HIDDEN)  # what 80 columns have room for
+    assert max(map(len, lines[:5])) <= 80
+    wide = run("evaluate", "optimized", *places, *FEW, "--wide")[1].splitlines()
+    assert wide[0].split() == [name for name in COLUMNS if name not in HIDDEN[3:]]
     assert [line.split()[1] for line in lines[1:5]] == ["70.0000000", "50.0000001", "50.0000002", "all"]
 
 

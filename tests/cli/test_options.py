@@ -41,6 +41,21 @@ TABLE: list[tuple[str, str, dict[str, Any]]] = [
          "against": "optimized-40", "allow_code": True, "progress": False},
     ),
     (
+        "evaluate --again t.json --with a --with b --allow-code --quiet",
+        "ibdata.evaluation.again.evaluate_again",
+        {"path": "t.json", "files": ["a", "b"], "allow_code": True, "progress": False},
+    ),
+    (
+        "evaluate safe --episodes 2 --steps 2 --save t.tex --overwrite",
+        "ibdata.evaluation.results.Evaluation.save",
+        {"path": "t.tex", "overwrite": True},
+    ),
+    (
+        "evaluate safe --episodes 2 --steps 2 --wide",
+        "ibdata.evaluation.results.Evaluation.tables",
+        {"wide": True},
+    ),
+    (
         "export $D --to csv --out o --history 3 --reward-scale .5 --observe markov --actions"
         " --reward delta --imperfections {'seed':1} --cost {'fatigue':60} --id a/b-v1 --overwrite --quiet",
         "ibdata.exporters.export",

@@ -60,11 +60,13 @@ def evaluated_twice(monkeypatch):
 def test_settings_are_those_of_the_first_evaluation_that_agrees(evaluated_twice, given, settings, base):
     found = ibdata.evaluate("safe", against="random", **given)
     assert np.array_equal(found.returns, ibdata.evaluate("safe", **settings).returns)
-    [line] = found.baselines
-    assert (line.set, line.trained_on, line.seeds) == ("random", "1 episode each", 1)
+    line = found.algorithms[-1]
+    assert (line.algorithm, line.source, line.seeds) == ("bc", "1 episode each", 1)
     assert line.mean_return == pytest.approx(2.5 - base)
-    assert line.mean_difference == pytest.approx(found.returns.mean() - 2.5 + base, abs=0.01)
-    assert found.notes[0].startswith("against random: setpoint [20, 50], start ")
+    [difference] = [x for x in found.differences if x.minus.startswith("bc") and x.setpoint is None]
+    assert difference.minus == "bc (1 episode each)"
+    assert difference.mean_difference == pytest.approx(found.returns.mean() - 2.5 + base, abs=0.01)
+    assert found.notes[-1].startswith("against random: setpoint [20, 50], start ")
 
 
 def test_settings_that_agree_with_no_evaluation_are_refused_beside_the_nearest(evaluated_twice):
@@ -84,18 +86,19 @@ def test_every_shipped_set_compares_a_policy_in_its_own_episodes():
         *(("safe", "transfer", "setpoints/random") if FULL else ()),
     ):
         found = ibdata.evaluate({"again": "mediocre"}, against=name)
-        [line] = [line for line in found.baselines if line.algorithm == "mediocre"]
-        assert abs(line.mean_difference) < 0.001
+        lines = [x for x in found.differences if x.minus == "mediocre (known)"]
+        assert max(abs(line.mean_difference) for line in lines) < 0.001
 
 
 def test_baselines_are_there_only_if_asked_for(shipped):
     found = ibdata.evaluate("safe", against="d4rl-like/medium")
-    assert found.plain()["baselines"][0]["set"] == "d4rl-like/medium"
-    assert "d4rl-like/medium" in repr(found)
-    assert "baselines" not in ibdata.evaluate("safe", episodes=2, steps=2).plain()
+    assert found.plain()["algorithms"][-1]["algorithm"] == "bc"
+    assert "against d4rl-like/medium: " in repr(found)
+    assert "constant" not in repr(ibdata.evaluate("safe", episodes=2, steps=2))
     assert ibdata.evaluate("safe", steps=2).returns.shape == (1, 1, 100)
     seen = ibdata.evaluate(still, against="optimized-40", view={"actions": True})  # may be compared
-    assert len(seen.baselines) == 3
+    failed = seen.algorithms[-1]
+    assert (failed.algorithm, failed.seeds, failed.mean_return) == ("cql", 0, None)
 
 
 def still(observations):

@@ -1,0 +1,213 @@
+"""Algorithms, which are several trained policies each, as lines of a table beside policies that are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ibdata._numerics.confidence import Estimate, estimate, t_quantile
+from ibdata.dataset.reference_returns import HUNDRED
+from ibdata.dataset.tabular import Number, Table
+
+Floats = npt.NDArray[np.float64]
+BEHAVIOUR = "behaviour"
+ENDS = ("lowest", "highest")
+YOURS, KNOWN = "yours", "known"  # sources of lines
+
+
+class Group(NamedTuple):
+    """The returns of the policies of a line: one for each training, or one that is known."""
+
+    label: str
+    source: str  # `YOURS`, `KNOWN`, or the part of the set on which it was trained
+    is_trained: bool
+    returns: Floats  # (trainings, setpoints, episodes); no training if all failed
+
+    def at(self, columns: Sequence[int]) -> Group:
+        """The returns at some of the setpoints."""
+        return self._replace(returns=self.returns[:, columns])
+
+    @property
+    def means(self) -> Floats:
+        """The mean return of each training."""
+        return np.array(
+            [math.fsum(values) / values.size for values in self.returns.reshape(len(self.returns), -1)]
+        )
+
+
+class Algorithm(NamedTuple):
+    """A line of the table: an algorithm, or a policy that is known, at a setpoint or over all (None).
+
+    `source` is "yours", "known", or the part of the set on which ours were trained. `seeds` is the number of
+    trainings, None for a policy that is not trained. `mean_return`, `lowest` and `highest` are those of the
+    mean returns of the trainings, `spread` is their standard deviation, and `standard_error` that of
+    `mean_return` over the episodes, for these trainings. `half_width` is half the width of the 95 % interval
+    of `mean_return` for new trainings and new episodes; it is None for one training, which says nothing of
+    others. `score` is the mean score of the trainings. `above_behaviour` and `above_optimized` are
+    differences in equal episodes, each with half the width of its interval.
+    """
+
+    algorithm: str
+    source: str
+    setpoint: float | None
+    seeds: int | None
+    mean_return: float | None
+    half_width: float | None
+    lowest: float | None
+    highest: float | None
+    spread: float | None
+    standard_error: float | None
+    score: float | None
+    above_behaviour: float | None
+    behaviour_half_width: float | None
+    above_optimized: float | None
+    optimized_half_width: float | None
+
+
+class Difference(NamedTuple):
+    """The returns of `policy` minus those of `minus` in equal episodes, at a setpoint or over all (None).
+
+    Both are labels. The interval is for new episodes of two policies. Beside algorithms, it is for new
+    trainings too, and None for a label of one training.
+    """
+
+    policy: str
+    minus: str
+    setpoint: float | None
+    mean_difference: float
+    standard_error: float | None
+    interval: tuple[float, float] | None
+
+
+def estimated(policy: Group, minus: Group | None = None, of_algorithms: bool = True) -> Estimate:
+    """The mean return of a line, or its difference from another, with the error over the episodes.
+
+    The interval is for new trainings and new episodes (MOVER, Zou & Donner 2008): the squares of the
+    half-widths over the episodes, and over the trainings of each line, add up. A line of one training has
+    none, unless it stands for this policy and not for its algorithm.
+    """
+    lines = [policy, *([minus] if minus else [])]
+    over_trainings = [line.returns.mean(axis=0) for line in lines]
+    values = over_trainings[0] - (over_trainings[1] if minus else 0.0)
+    mean, error, interval = estimate(list(values))
+    if interval is None or (of_algorithms and any(x.is_trained and len(x.returns) == 1 for x in lines)):
+        return Estimate(mean, error, None)
+    halves = [
+        t_quantile(len(line.returns) - 1) * float(line.means.std(ddof=1)) / math.sqrt(len(line.returns))
+        for line in lines
+        if len(line.returns) > 1
+    ]
+    if not halves:
+        return Estimate(mean, error, interval)
+    half = math.hypot(interval[1] - mean, *halves)
+    return Estimate(mean, error, (mean - half, mean + half))
+
+
+def parts_of(setpoints: Sequence[float]) -> Iterator[tuple[float | None, list[int]]]:
+    """Each setpoint with its column and, if there are several, all of them (None)."""
+    yield from ((setpoint, [column]) for column, setpoint in enumerate(setpoints))
+    if len(setpoints) > 1:
+        yield None, list(range(len(setpoints)))
+
+
+def algorithms_of(
+    groups: Sequence[Group], setpoints: Sequence[float], scores: Sequence[Mapping[float | None, Any]]
+) -> list[Algorithm]:
+    """The lines of all groups, at each setpoint and, if there are several, over all.
+
+    The scores of each group are by setpoint. Differences are from the known policies of these labels.
+    """
+    known = {group.label: group for group in groups if group.source == KNOWN}
+    lines = []
+    for group, by_setpoint in zip(groups, scores, strict=True):
+        seeds = len(group.returns) if group.is_trained else None
+        for setpoint, columns in parts_of(setpoints):
+            name = group.label, group.source, setpoint, seeds
+            if not len(group.returns):
+                lines.append(Algorithm(*name, *[None] * 11))
+                continue
+            part = group.at(columns)
+            differences: list[float | None] = []
+            for label in (BEHAVIOUR, HUNDRED):
+                reference = known.get(label) if group is not known.get(label) else None
+                found = estimated(part, reference.at(columns)) if reference else None
+                differences += [found.mean, _half(found)] if found else [None, None]
+            found, means = estimated(part), part.means
+            spread = float(means.std(ddof=1)) if len(means) > 1 else None
+            ends = float(means.min()), float(means.max())
+            numbers = found.mean, _half(found), *ends, spread, found.standard_error, by_setpoint[setpoint]
+            lines.append(Algorithm(*name, *numbers, *differences))
+    return lines
+
+
+def _half(found: Estimate) -> float | None:
+    return None if found.interval is None else (found.interval[1] - found.interval[0]) / 2.0
+
+
+CLAIM = (
+    "± is half a 95 % interval for new trainings and new episodes. One seed has none: it speaks of its "
+    "network, not of the algorithm"
+)
+DIGITS = 4  # of the largest number of a column
+NARROW = 7  # columns for which a terminal has room
+HEADINGS = {YOURS: "yours", KNOWN: "known policies"}
+
+
+def printed(lines: Sequence[Algorithm], wide: bool = False) -> Table:
+    """The lines over all setpoints, those of each source below a heading, for a terminal or for a paper."""
+    lines = [line for line in lines if line.setpoint == lines[-1].setpoint]
+    of = dict(zip(Algorithm._fields, map(list, zip(*lines, strict=True)), strict=True))
+    decimals = _decimals(of["mean_return"])
+    lowest, highest = ([x if n else None for x, n in zip(of[end], of["seeds"], strict=True)] for end in ENDS)
+    columns = {
+        "label": of["algorithm"],
+        "seeds": of["seeds"],
+        "mean": _around(of["mean_return"], of["half_width"]),
+        "lowest": _rounded(lowest, decimals),
+        "highest": _rounded(highest, decimals),
+        "score": _rounded(of["score"], 1),
+        "- behaviour": _around(of["above_behaviour"], of["behaviour_half_width"]),
+        "- optimized": _around(of["above_optimized"], of["optimized_half_width"]),
+        "spread": _rounded(of["spread"], decimals),
+        "error": _rounded(of["standard_error"], decimals),
+    }
+    if not any(columns["- behaviour"]):
+        del columns["- behaviour"]
+    names = list(columns) if wide else list(columns)[:NARROW]
+    rows: list[Any] = []
+    cells = zip(of["source"], zip(*(columns[name] for name in names), strict=True), strict=True)
+    for source, of_source in groupby(cells, lambda pair: str(pair[0])):
+        rows += [HEADINGS.get(source, f"trained on {source}"), *(row for _, row in of_source)]
+    table = Table(names, rows, most=None)
+    return table if wide else table.fitting("score", *ENDS)
+
+
+def differences_printed(differences: Sequence[Difference]) -> Table:
+    """Differences of labels with half the width of their intervals."""
+    halves = [x.interval and (x.interval[1] - x.interval[0]) / 2.0 for x in differences]
+    around = _around([x.mean_difference for x in differences], halves)
+    rows = [[x.policy, x.minus, text] for x, text in zip(differences, around, strict=True)]
+    return Table(["label", "minus", "difference"], rows, most=None)
+
+
+def _decimals(numbers: Sequence[float | None]) -> int:
+    largest = max((abs(x) for x in numbers if x), default=1.0)
+    return max(0, DIGITS - 1 - math.floor(math.log10(largest)))
+
+
+def _rounded(numbers: Sequence[float | None], decimals: int) -> list[Number | None]:
+    return [None if x is None else Number(f"{round(x, decimals) + 0.0:.{decimals}f}") for x in numbers]
+
+
+def _around(numbers: Sequence[float | None], halves: Sequence[float | None]) -> list[Number | None]:
+    """Numbers with half the width of their intervals, or a dash where there is none."""
+    decimals = _decimals(numbers)
+    widths = [x or Number("–") for x in _rounded(halves, decimals)]
+    longest = max(map(len, widths), default=0)
+    texts = zip(_rounded(numbers, decimals), widths, strict=True)
+    return [text and Number(f"{text} ± {width.rjust(longest)}") for text, width in texts]

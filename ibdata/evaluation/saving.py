@@ -1,0 +1,111 @@
+"""The table of an evaluation as LaTeX and Markdown to read, CSV to compute with, and JSON to do it again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ibdata._system.configs import canonical_file
+from ibdata._system.files import write
+from ibdata._system.storage import local
+from ibdata.dataset.tabular import cells_of, is_numeric
+from ibdata.errors import OVERWRITE, UsageError, meant, printable
+from ibdata.evaluation.algorithms import printed
+from ibdata.policies.network import Network
+from ibdata.version import __version__
+
+if TYPE_CHECKING:
+    from ibdata.evaluation.results import Evaluation
+
+LAYOUT = "ibdata-table-1"
+TEXT = {character: f"\\{character}" for character in "&%_#${}"}
+TEXT |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+NUMBER = {"-": "$-$", "±": r"$\pm$", "–": "--"}  # of which a label has none but the hyphen
+
+
+def place_of(path: str | os.PathLike[str], overwrite: bool) -> Path:
+    """The place of a file of results. Raises UsageError for another ending, or a place that is taken."""
+    place = local(path)
+    if place.suffix not in FORMATS:
+        raise UsageError(f"{place}: found the ending {place.suffix!r}{meant(place.suffix, FORMATS)}")
+    if not place.parent.is_dir():
+        raise UsageError(f"{place}: found no folder {place.parent}, expected one")
+    if place.exists() and not (overwrite and place.is_file()):
+        raise UsageError(f"{place}: exists already; {OVERWRITE} to replace it")
+    return place
+
+
+def save(found: Evaluation, place: Path) -> None:
+    """Write an evaluation in the format of the file's ending."""
+    write(place.parent, place.name, FORMATS[place.suffix](found).encode())
+
+
+def _latex(found: Evaluation) -> str:
+    table = printed(found.algorithms, wide=True)
+    text, number, right = str.maketrans(TEXT), str.maketrans(TEXT | NUMBER), is_numeric(table)
+    lines = [f"% {printable(note)}" for note in found.said]
+    lines += [rf"\begin{{tabular}}{{{''.join('r' if x else 'l' for x in right)}}}", r"\toprule"]
+    for row in [list(table.names), *cells_of(table)]:
+        if isinstance(row, str):
+            lines.append(rf"\midrule \multicolumn{{{len(right)}}}{{l}}{{\emph{{{row.translate(text)}}}}} \\")
+        else:
+            is_head = lines[-1] == r"\toprule"
+            cells = (
+                x if is_head else x.translate(number if r else text) for x, r in zip(row, right, strict=True)
+            )
+            lines.append(" & ".join(cells) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _markdown(found: Evaluation) -> str:
+    table = printed(found.algorithms, wide=True)
+    right = is_numeric(table)
+    lines = [[*table.names], ["---:" if x else "---" for x in right]]
+    for row in cells_of(table):
+        cells = [f"*{row}*", *[""] * (len(right) - 1)] if isinstance(row, str) else row
+        lines.append([cells[0].replace("|", r"\|"), *(x.replace("-", "−") for x in cells[1:])])
+    rows = [f"| {' | '.join(line)} |" for line in lines]
+    return "\n".join([*rows, *(f"\n{printable(note)}" for note in found.said), ""])
+
+
+def _csv(found: Evaluation) -> str:
+    import pandas as pd
+
+    return pd.DataFrame(found.algorithms).to_csv(index=False, lineterminator="\n")
+
+
+def _json(found: Evaluation) -> str:
+    returns = iter(found.returns)
+    groups = {
+        label: [
+            {
+                "policy": policy.labelled("x").plain() | {"name": None},
+                "networks": {part.sha256: part.weights.file for part in policy.everywhere(Network)},
+                "returns_sha256": sha256_of(next(returns)),
+            }
+            for policy in members.values()
+        ]
+        for label, members in found.groups.items()
+    }
+    record = {"layout": LAYOUT, "version": __version__, "content_root": content_root(found), "groups": groups}
+    return json.dumps({**record, "settings": found.settings, **found.plain()}, indent=1, allow_nan=False)
+
+
+def content_root(found: Evaluation) -> str | None:
+    """The content root of the shipped set with whose results an evaluation is compared."""
+    name = found.settings["against"]
+    roots: dict[str, dict[str, str]] = json.loads(canonical_file().read_text(encoding="utf-8"))
+    return None if name is None else roots[name]["content_root"]
+
+
+def sha256_of(returns: Any) -> str:
+    """The SHA-256 of the returns of a policy, (setpoints, episodes), as little-endian float64."""
+    return hashlib.sha256(np.ascontiguousarray(returns, "<f8").tobytes()).hexdigest()
+
+
+FORMATS = {".tex": _latex, ".md": _markdown, ".csv": _csv, ".json": _json}
