@@ -246,7 +246,8 @@ class Store:
         made, self._documents = run.dataset(), dict(documents)
         assert isinstance(made, Remote)
         was_publishing, listed = note_of(run).get("manifest"), json.loads(self._documents[manifest.PATH])
-        record.model_copy(update={"manifest": listed["checksum"]}).write(run)
+        if was_publishing != listed["checksum"]:
+            record.model_copy(update={"manifest": listed["checksum"]}).write(run)
         others = [other for other in self._publishing() if other.name != run.name]
         is_taken = self.files.size(manifest.PATH) is not None  # then others may be removed already
         if (others or is_taken) and not was_publishing:
