@@ -21,7 +21,7 @@ from ibdata.dataset.selection import Limits, Numbers, Policy, Setpoint, Split, i
 from ibdata.dataset.splits import Splits, with_later
 from ibdata.dataset.stored import Mask, Stored
 from ibdata.dataset.tabular import ColumnStatistics, Table, as_html
-from ibdata.errors import UsageError, printable
+from ibdata.errors import DatasetError, IbdataError, UsageError, printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,7 +46,13 @@ class Episodes:
         parts = [part if isinstance(part, Episodes) else Episodes(part) for part in path]
         if not parts:
             raise UsageError("path: found an empty list, expected at least one place")
-        self.stored = Several([part.stored for part in parts]) if len(parts) > 1 else parts[0].stored
+        try:
+            self.stored = Several([part.stored for part in parts]) if len(parts) > 1 else parts[0].stored
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            if isinstance(error, IbdataError):
+                raise
+            problem = "found metadata of one that do not fit each other; see ibdata validate"
+            raise DatasetError(f"{', '.join(part.place for part in parts)}: {problem}") from None
         if any(part.mask is not None for part in parts):
             self.mask = np.concatenate([part.inside for part in parts])
         self.is_by_returns = any(part.is_by_returns for part in parts)

@@ -16,7 +16,7 @@ from ibdata.dataset.digest import content_root
 from ibdata.dataset.manifest import sealed
 from ibdata.dataset.models import Counts, File, Info, ShardEntry, SplitEntry, Statistics
 from ibdata.dataset.stored import Stored
-from ibdata.errors import UsageError, excerpt, parameter
+from ibdata.errors import UsageError, excerpt, parameter, printable
 
 
 class Several(Stored):
@@ -154,8 +154,9 @@ def _refuse_unlike(parts: Sequence[Stored]) -> None:
             known = min(owners.setdefault(key, number) for key in ((seeds[shard], cell), digest))
             if known < number:
                 raise UsageError(
-                    f"{part.name}: setpoint {exact(setpoint)}, policy {policy}: the same episodes are also "
-                    f"in {parts[known].name}; leave one out, or make it with another {parameter('seed')}"
+                    f"{part.name}: setpoint {exact(setpoint)}, policy {printable(policy)}: the same episodes "
+                    f"are also in {parts[known].name}; leave one out, or make it with another "
+                    f"{parameter('seed')}"
                 )
 
 

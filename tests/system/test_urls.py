@@ -130,7 +130,7 @@ def test_functions_that_take_no_url_say_so(url):
         for place in (url, dataset) if as_dataset else (url,):
             with pytest.raises(UsageError, match=f"^{url}.*: found a URL, expected a path on this machine$"):
                 call(place)
-    with pytest.raises(UsageError, match=f"^{url}: .* are also in {url}; make"):
+    with pytest.raises(UsageError, match=f"^{url}: .* are also in {url}; leave one out"):
         ibdata.merge([url, url], "merged")
     assert contents() == before
 

@@ -7,7 +7,7 @@ from helpers.folders import part_of, run_of, seal
 from helpers.splits import BY_POLICY
 
 import ibdata
-from ibdata.errors import Interrupted, UsageError
+from ibdata.errors import DatasetError, Interrupted, UsageError
 from ibdata.tools import rewrite
 from ibdata.tools.listing import datasets_in
 
@@ -151,3 +151,20 @@ def test_equal_episodes_are_found_where_the_experiments_differ(make, tmp_path):
     ):
         ibdata.merge([a.path, tmp_path / "again"], tmp_path / "both")
     assert not (tmp_path / "both").exists()
+
+
+FORGED = {
+    "no seed": lambda listed: listed["experiments"][0].pop("seed"),
+    "a list as seed": lambda listed: listed["experiments"][0].update(seed=[1]),
+    "no experiment": lambda listed: listed["shards"][0].update(experiment=7),
+}
+
+
+@pytest.mark.parametrize("forge", FORGED.values(), ids=FORGED)
+def test_a_forged_manifest_is_one_line(pair, tmp_path, forge):
+    """It fits its checksum, and nothing else."""
+    shutil.copytree(pair[0].path, tmp_path / "forged")
+    seal(tmp_path / "forged", forge)
+    for call in (ibdata.open, lambda folders: ibdata.merge(folders, tmp_path / "no")):
+        with pytest.raises(DatasetError, match=r"do not fit each other; see ibdata validate$"):
+            call([pair[1], tmp_path / "forged"])
