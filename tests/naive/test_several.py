@@ -12,6 +12,7 @@ import pytest
 
 import ibdata
 from ibdata.errors import ArgumentError, BusyError, DatasetError, UsageError
+from ibdata.tools import split_schemes
 
 ODD = 20.1  # which float32 cannot hold
 PLAIN = {
@@ -225,8 +226,9 @@ def test_splits_of_one_name_are_joined(pair, tmp_path):
     a, b = pair[0], shutil.copytree(pair[1].path, tmp_path / "b")
     ds = ibdata.open([a, b])
     assert dict(ds.splits["test"]) == {"episodes": 8, "rows": 160, "declared": True}
-    ibdata.split(b, "policy")
-    ibdata.split(b, "episode", fractions=[0.5, 0.5], prefix="x")
+    ibdata.split(b, split_schemes.by_policy(b))
+    halves = split_schemes.by_episode(b, fractions=[0.5, 0.5])
+    ibdata.split(b, {f"x-{name}": split for name, split in halves.items()})
     c = made(tmp_path / "c", seed=2, steps=5, splits={"x-train": {"setpoint": 70}})
     assert {name: split["episodes"] for name, split in ds.splits.items()}["expert"] == 6
     labelled = ibdata.open(b).select("x-train").episodes["episode"]
@@ -295,7 +297,7 @@ def test_a_pattern_is_no_place(pair, monkeypatch):
 def test_what_merge_refuses_is_refused(pair, tmp_path):
     """The same dataset twice, a copy of it, one seed twice, another system, and other columns."""
     a, b = pair
-    copy = ibdata.split(a, "policy", materialize=tmp_path / "copy")
+    copy = ibdata.split(a, split_schemes.by_policy(a), materialize=tmp_path / "copy")
     other = {"dynamics": "paper"}, {"start": "uniform"}, {"output": {"latent": False}}, {"seed": 0}
     refused = [
         [a, a],
@@ -322,7 +324,7 @@ def test_a_call_for_one_place_refuses_several(ds, merged, tmp_path):
         ibdata.reproduce,
         ibdata.card,
         ibdata.open,
-        lambda x: ibdata.split(x, "policy"),
+        lambda x: ibdata.split(x, {"first": {"episodes": 1}}),
         lambda x: ibdata.merge([x, x], tmp_path / "no"),
         lambda x: x.path,
         os.fspath,
