@@ -120,6 +120,13 @@ class StoreRun:
     def dataset(self) -> Storage | None:
         return self.files.below(DATASET)
 
+    def remove(self) -> None:
+        """Remove the run, its note last, by which whoever comes next sees what else is left."""
+        for folder in (DATASET, RECEIPTS):
+            if self.files.names(folder):
+                self.files.below(folder).remove()
+        self.files.remove()
+
 
 Run = FolderRun | StoreRun
 

@@ -249,9 +249,9 @@ def other_dataset(listed: Manifest, spec: DatasetSpec) -> str | None:
 
 def refuse_damage(listed: Manifest, place: Place, name: str) -> None:
     """Raise DatasetError for the first file that a manifest lists and that is missing or has another size."""
+    remedy = f"ibdata repair makes the file again, {OVERWRITE} the dataset"
+    if not place.replaces:
+        remedy = f"remove {name} to make it again"
     for path, entry in listed.entries().items():
         if place.size_of(path) != entry.bytes:
-            raise DatasetError(
-                f"{name}/{path}: missing or not whole, but the dataset is finished; ibdata repair makes the "
-                f"file again, {OVERWRITE} the dataset"
-            )
+            raise DatasetError(f"{name}/{path}: missing or not whole, but the dataset is finished; {remedy}")

@@ -42,7 +42,7 @@ from ibdata._system.part import (
     tidy,
 )
 from ibdata._system.runs import FolderRun, Run, StoreRun, note_of, runs_at
-from ibdata._system.signals import stoppable
+from ibdata._system.signals import ignore, stoppable
 from ibdata._system.storage import Remote, Storage, url_of
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
@@ -277,7 +277,8 @@ class Store:
 
     def clear(self, run: Run) -> None:
         assert isinstance(run, StoreRun)
-        run.files.remove()
+        ignore()  # the dataset is there
+        run.remove()
         self.tidy()
 
     def tidy(self) -> None:
@@ -285,7 +286,7 @@ class Store:
             checksum = manifest.checksum_in(self.files)
             for run in self._runs():
                 if checksum and note_of(run).get("manifest") == checksum:
-                    run.files.remove()
+                    run.remove()
             if not self.files.part.names(""):
                 self.files.part.remove()  # an empty folder, or the mark that pyarrow leaves for one
 

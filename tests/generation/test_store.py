@@ -292,6 +292,33 @@ def test_a_signal_stops_between_two_shards(url, monkeypatch, is_whole):
     assert is_whole()
 
 
+def test_a_run_is_removed_though_that_was_cut_short(url, is_whole, monkeypatch):
+    """A store removes many objects in any order. While something is left, the note says whose it is."""
+
+    def cut(self, path=""):
+        (self.folder / "run.json").unlink(missing_ok=True)
+        raise Lost("connection lost")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Remote, "remove", cut)
+        four_shards_at(url)
+    assert Path(".there.part").exists()
+    four_shards_at(url)
+    assert is_whole()
+
+
+def test_a_signal_does_not_stop_what_is_published(url, is_whole, monkeypatch):
+    remove = places.StoreRun.remove
+
+    def stopping(run):
+        os.kill(os.getpid(), signal.SIGTERM)
+        remove(run)
+
+    monkeypatch.setattr(places.StoreRun, "remove", stopping)
+    four_shards_at(url)
+    assert is_whole()
+
+
 def test_what_a_url_cannot_do_is_refused(url, tmp_path):
     """An object store cannot exchange two folders; and a URL may name a folder of this machine."""
     four_shards_at(url)
@@ -301,7 +328,8 @@ def test_what_a_url_cannot_do_is_refused(url, tmp_path):
     with pytest.raises(UsageError, match="lies within the dataset"):
         four_shards_at(f"file://{tmp_path}/there/data/in")
     Path("there/meta/statistics.json").write_text("{}")
-    with pytest.raises(DatasetError, match=r"there/meta/statistics.json: missing or not whole"):
+    problem = f"{url}/meta/statistics.json: missing or not whole, but the dataset is finished"
+    with pytest.raises(DatasetError, match=f"^{problem}; remove {url} to make it again$"):
         four_shards_at(url)
     assert contents().keys() == before.keys()
 
