@@ -8,6 +8,7 @@ other requests may come, until null lets it go on.
 
 import contextlib
 import ctypes
+import functools
 import io
 import json
 import os
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import threading
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +46,8 @@ def load(folder: str) -> None:
         ["repair", a],
         ["validate", a],
         ["ls", folder],
+        [*generate, f"file://{folder}/store"],
+        ["ls", f"file://{folder}"],
     ]
     with contextlib.redirect_stdout(io.StringIO()):
         for args in commands:
@@ -52,6 +56,31 @@ def load(folder: str) -> None:
     for thread in threading.enumerate():
         if thread is not threading.main_thread():
             thread.join()
+
+
+def whole(put: Callable[..., None]) -> Callable[..., None]:
+    """Let an object be there as a whole or not, as in a store, while a file begins empty."""
+
+    @functools.wraps(put)
+    def put_whole(self: Any, source: Any, path: str, *size: int) -> None:
+        with tempfile.TemporaryDirectory(dir=OBJECTS) as elsewhere:
+            put(type(self)(f"file://{elsewhere}"), source, path, *size)
+            target, is_there = self.folder / path, False
+            while not is_there:  # a store has no folders, which somebody else may remove
+                with contextlib.suppress(FileNotFoundError):
+                    if not target.parent.is_dir():
+                        target.parent.mkdir(parents=True, exist_ok=True)
+                    os.replace(Path(elsewhere, path), target)
+                    is_there = True
+
+    return put_whole
+
+
+def objects_are_whole() -> None:
+    """The folders at URLs are stores of objects."""
+    from ibdata._system.storage import Remote
+
+    Remote.put, Remote.copy_from = whole(Remote.put), whole(Remote.copy_from)  # type: ignore[method-assign]
 
 
 def run(args: list[str]) -> int:
@@ -109,6 +138,8 @@ def serve() -> None:
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as folder:
-        load(folder)
-    serve()
+    with tempfile.TemporaryDirectory() as OBJECTS:
+        objects_are_whole()
+        with tempfile.TemporaryDirectory() as folder:
+            load(folder)
+        serve()

@@ -42,7 +42,7 @@ def by_duckdb(folder: Path) -> Callable[[], Rewards]:
     return lambda connection=connection: [reward for (reward,) in rows.fetchall()]
 
 
-def by_ibdata(folder: Path) -> Callable[[], Rewards]:
+def by_ibdata(folder: Path | str) -> Callable[[], Rewards]:
     """The files that the manifest lists, in batches of which the first is read at once."""
     import ibdata
 
@@ -51,7 +51,7 @@ def by_ibdata(folder: Path) -> Callable[[], Rewards]:
     return lambda: [reward for batch in (first, *batches) for reward in batch["reward"].to_pylist()]
 
 
-READERS = {
+READERS: dict[str, Callable[[Any], Callable[[], Rewards]]] = {
     "pyarrow": by_pyarrow,
     "pandas": by_pandas,
     "polars": by_polars,
@@ -72,9 +72,15 @@ def found(read: Callable[[], Any]) -> Any:
         return None
 
 
-def opened(folder: Path) -> dict[str, Callable[[], Rewards | None]]:
-    """Readers that have opened a dataset, or met an error, and that read when they are called."""
-    begun = {name: found(lambda begin=begin: begin(folder)) for name, begin in READERS.items()}
+def opened(folder: Path, url: str | None = None) -> dict[str, Callable[[], Rewards | None]]:
+    """Readers that have opened a dataset, or met an error, and that read when they are called.
+
+    If there is a URL of the folder, ibdata reads that.
+    """
+    begun = {}
+    for name, begin in READERS.items():
+        place = url or folder if name == "ibdata" else folder
+        begun[name] = found(lambda begin=begin, place=place: begin(place))
     return {name: lambda read=read: None if read is None else found(read) for name, read in begun.items()}
 
 

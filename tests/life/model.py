@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import wraps
+from typing import NamedTuple, ParamSpec
 
 MANIFEST, LABELS = "meta/manifest.json", "meta/splits.json"
 NAMES = {"episode": {"train", "test"}, "policy": {"random", "safe"}}  # of the splits by episode and by policy
@@ -35,6 +36,7 @@ class Place:
     splits: frozenset[str] = frozenset()
     declared: frozenset[str] = frozenset()
     damaged: frozenset[str] = frozenset()
+    store: bool = False  # at a URL, and no folder
     part: bool = False  # whether a hidden part is beside it
     run: Run | None = None  # which is in the part; a published one, or one without a shard, is rubbish
     file: bool = False  # of a user, in the place of the folder
@@ -47,7 +49,7 @@ class Place:
 
     def made(self, holds: str, experiment: str | None, splits: frozenset[str] = frozenset()) -> Place:
         """A new dataset here, with the declared splits."""
-        return Place(holds, experiment, splits, splits)
+        return Place(holds, experiment, splits, splits, store=self.store)
 
 
 class Expected(NamedTuple):
@@ -57,12 +59,15 @@ class Expected(NamedTuple):
     after: Place
 
 
+P = ParamSpec("P")
 DONE, USAGE, NO, ANY = (frozenset(codes) for codes in ((0,), (2,), (1, 2, 3), (0, 1, 2, 3)))
 
 
 def generate(place: Place, experiment: str, flags: Sequence[str]) -> Expected:
     """A whole dataset; what is there stays unless --overwrite is said, and nobody's files are deleted."""
     overwrite = "--overwrite" in flags
+    if place.store and overwrite:
+        return Expected(USAGE, place)
     codes, after = DONE, place.made(experiment, experiment)
     if place.file:
         codes = USAGE
@@ -82,7 +87,10 @@ def generate_range(place: Place, experiment: str) -> Expected:
         codes = DONE if place.experiment == experiment else USAGE
         return Expected(ANY if place.damaged else codes, place)
     other = place.refuses((experiment, experiment, frozenset()))
-    return Expected(USAGE if place.file or place.note or other else DONE, replace(place))
+    codes = USAGE if place.file or place.note or other else DONE
+    if place.store and place.note and not other:
+        codes = DONE | USAGE  # where a publication was killed, its files are not told from a user's yet
+    return Expected(codes, replace(place))
 
 
 def finalize(place: Place) -> Expected:
@@ -95,6 +103,21 @@ def finalize(place: Place) -> Expected:
     return Expected(DONE if run.done == run.shards else NO, place.made(*run.made))
 
 
+def in_folders(command: Callable[P, Expected]) -> Callable[P, Expected]:
+    """A command that refuses every place in a store."""
+
+    @wraps(command)
+    def expected(*args: P.args, **kwargs: P.kwargs) -> Expected:
+        place, *others = args
+        assert isinstance(place, Place)
+        each = [place, *others, *(each for other in others if isinstance(other, list) for each in other)]
+        if any(isinstance(one, Place) and one.store for one in each):
+            return Expected(USAGE, place)
+        return command(*args, **kwargs)
+
+    return expected
+
+
 def new(place: Place, after: Place, sources: Sequence[Place]) -> Expected:
     """A dataset from others, where nothing is yet."""
     if not all(source.holds for source in sources):
@@ -105,6 +128,7 @@ def new(place: Place, after: Place, sources: Sequence[Place]) -> Expected:
     return Expected(ANY if any(source.damaged for source in sources) else DONE, after)
 
 
+@in_folders
 def merge(place: Place, sources: Sequence[Place]) -> Expected:
     """A dataset of all rows, whose splits have files."""
     holds = "".join(source.holds or "" for source in sources)
@@ -113,6 +137,7 @@ def merge(place: Place, sources: Sequence[Place]) -> Expected:
     return expected if len(set(holds)) == len(holds) else Expected(NO, place)
 
 
+@in_folders
 def materialize(place: Place, source: Place, by: str) -> Expected:
     """A copy whose splits have files."""
     labelled = split(source, by)
@@ -120,6 +145,7 @@ def materialize(place: Place, source: Place, by: str) -> Expected:
     return expected if 0 in labelled.codes else Expected(NO, place)
 
 
+@in_folders
 def split(place: Place, by: str) -> Expected:
     """Labels, where no split of that name was declared."""
     if not place.holds or NAMES[by] & place.declared:
@@ -127,12 +153,14 @@ def split(place: Place, by: str) -> Expected:
     return Expected(ANY if place.damaged else DONE, replace(place, splits=place.splits | NAMES[by]))
 
 
+@in_folders
 def card(place: Place, overwrite: bool) -> Expected:
     """A new card; without --overwrite not over a user's words, and perhaps not over one of other splits."""
     codes = DONE if overwrite else USAGE if place.words else DONE | USAGE
     return Expected(NO if not place.holds else ANY if place.damaged else codes, replace(place, words=None))
 
 
+@in_folders
 def repair(place: Place) -> Expected:
     """The dataset, whole; not without its manifest. Labels that were lost stay lost."""
     if not place.holds or MANIFEST in place.damaged:

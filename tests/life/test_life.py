@@ -10,6 +10,7 @@ import os
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from functools import wraps
 
 import pytest
 from helpers import FULL
@@ -18,7 +19,6 @@ from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
     initialize,
-    precondition,
     rule,
     run_state_machine_as_test,
 )
@@ -34,25 +34,39 @@ USERS = {"README.md", "report.html"}  # files that the manifest does not list
 def places(fits: Callable[[Place], object]) -> st.SearchStrategy[str]:
     """The name of a place, most often of one that fits."""
 
-    def found(story: Life) -> st.SearchStrategy[str]:
-        names = [name for name, place in story.world.places.items() if fits(place)]
-        return st.sampled_from(names * 5 + ["x", "y", "z"])
+    def chosen(drawn: tuple[Life, int]) -> str:  # what is drawn does not depend on what a signal left
+        story, number = drawn
+        names = [name for name, place in story.world.places.items() if fits(place)] * 5 + ["x", "y", "z"]
+        return names[number % len(names)]
 
-    return st.runner().flatmap(found)
+    return st.tuples(st.runner(), st.integers(0, 999)).map(chosen)
 
 
 HOLDS, EMPTY = (lambda place: place.holds), (lambda place: not place.holds)
 PART, MINE = (lambda place: place.run), (lambda place: place.note or place.file)
+STORE_EMPTY = lambda place: place.store and not place.holds and not place.note  # noqa: E731
+STORE_USED = lambda place: place.store and (place.holds or place.run)  # noqa: E731
+TWO = st.sampled_from(["AB", "BA", "AA"])
 EDITED = places(lambda place: place.words)
 ANYWHERE, DATASETS, OTHERS, PARTS_LEFT = map(places, (bool, HOLDS, EMPTY, PART))
 NAMES, BY = st.sampled_from(sorted(EXPERIMENTS)), st.sampled_from(sorted(model.NAMES))
 OPTIONS = st.sampled_from([(), ("--overwrite",)])
+STORES = st.sampled_from(["", "z", "yz"])  # the places that are in a store
 FAULT = st.sampled_from([*FAULTS, *KILLS, "SIGSTOP", "SIGSTOP", "none", "none"])
 
 
 def some(fits: Callable[[Place], object]) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A rule for stories in which a place fits."""
-    return precondition(lambda story: any(map(fits, story.world.places.values())))
+    """A rule for stories in which a place fits; else nothing is done, and what is drawn stays the same."""
+
+    def of(action: Callable[..., None]) -> Callable[..., None]:
+        @wraps(action)
+        def act(story: Life, **drawn: object) -> None:
+            if any(map(fits, story.world.places.values())):
+                action(story, **drawn)
+
+        return act
+
+    return of
 
 
 def moments(operations: int) -> st.SearchStrategy[Moment]:
@@ -65,9 +79,9 @@ class Life(RuleBasedStateMachine):
 
     known: Known
 
-    @initialize(**dict.fromkeys("xyz", st.sampled_from(["A", "B", None])))
-    def begin(self, **starts: str | None) -> None:
-        self.world = World(self.known, starts)
+    @initialize(stores=STORES, **dict.fromkeys("xyz", st.sampled_from(["A", "B", None])))
+    def begin(self, stores: str, **starts: str | None) -> None:
+        self.world = World(self.known, starts | dict.fromkeys(stores), stores)  # which begin empty
 
     def teardown(self) -> None:
         if hasattr(self, "world"):
@@ -76,7 +90,7 @@ class Life(RuleBasedStateMachine):
     def run(
         self, out: str, expected: Expected, moment: Moment, *args: object, made: Made | None = None
     ) -> None:
-        paths = [self.world.home / str(arg) if arg in ("x", "y", "z") else arg for arg in args]
+        paths = [self.world.address(str(arg)) if arg in ("x", "y", "z") else arg for arg in args]
         self.world.run(out, expected, moment, *paths, made=made)
 
     def config(self, name: str) -> object:
@@ -94,8 +108,8 @@ class Life(RuleBasedStateMachine):
         args = ["generate", self.config(name), "--workers", 1, "--out", out, "--shards", f"{i}/2"]
         self.run(out, expected, moment, *args, made=(name, name, frozenset()))
 
-    @some(PART)
     @rule(out=PARTS_LEFT, moment=moments(45))
+    @some(PART)
     def finalize(self, out: str, moment: Moment) -> None:
         place = self.world.places[out]
         made = place.run.made if place.run else None
@@ -108,13 +122,13 @@ class Life(RuleBasedStateMachine):
         made = (str(expected.after.holds), None, expected.after.splits)
         self.run(out, expected, moment, "merge", *parts, "--out", out, made=made)
 
-    @some(HOLDS)
     @rule(out=DATASETS, by=BY, moment=moments(12))
+    @some(HOLDS)
     def split(self, out: str, by: str, moment: Moment) -> None:
         self.run(out, model.split(self.world.places[out], by), moment, "split", out, *model.options(by))
 
-    @some(HOLDS)
     @rule(source=DATASETS, out=OTHERS, by=BY, moment=moments(55))
+    @some(HOLDS)
     def materialize(self, source: str, out: str, by: str, moment: Moment) -> None:
         expected = model.materialize(self.world.places[out], self.world.places[source], by)
         made = (str(expected.after.holds), None, expected.after.splits)
@@ -122,13 +136,13 @@ class Life(RuleBasedStateMachine):
         if source != out:
             self.run(out, expected, moment, *args, made=made)
 
-    @some(HOLDS)
     @rule(out=DATASETS, moment=moments(12))
+    @some(HOLDS)
     def repair(self, out: str, moment: Moment) -> None:
         self.run(out, model.repair(self.world.places[out]), moment, "repair", out, "--workers", 1)
 
-    @some(HOLDS)
     @rule(out=EDITED, overwrite=st.booleans(), moment=moments(12))
+    @some(HOLDS)
     def card(self, out: str, overwrite: bool, moment: Moment) -> None:
         expected = model.card(self.world.places[out], overwrite)
         self.run(out, expected, moment, "card", out, *["--overwrite"][: int(overwrite)])
@@ -138,7 +152,7 @@ class Life(RuleBasedStateMachine):
         """While one writer has stopped somewhere, another begins: one of them is refused, or comes later."""
         place = self.world.places[out]
         first, second = (model.generate(place, name, ["--overwrite"]) for name in "AB")
-        if first.codes != model.DONE:
+        if first.codes != model.DONE or place.store:
             return
         args = [
             ["generate", self.config(name), "--quiet", "--out", self.world.home / out, "--overwrite"]
@@ -157,6 +171,23 @@ class Life(RuleBasedStateMachine):
         assert answers[-1].code == 0 or (seen and seen[0] != root), answers
         self.world.check_all()
 
+    @rule(out=places(STORE_EMPTY), names=TWO, at=st.integers(1, 40), moment=moments(40))
+    @some(STORE_EMPTY)
+    def two_write(self, out: str, names: str, at: int, moment: Moment) -> None:
+        """While one writer to a store has stopped somewhere, another begins, and may meet a fault."""
+        place, forks = self.world.places[out], self.known.forks
+        if not STORE_EMPTY(place) or place.refuses((names[0], names[0], frozenset())):
+            return
+        home, url = self.world.home, self.world.address(out)
+        args = [["generate", self.config(name), "--quiet", "--workers", 1, "--out", url] for name in names]
+        answers = []
+
+        def meanwhile() -> None:
+            answers.append(forks.run(*args[1], folder=home, mode=moment[0], at=moment[1]))
+
+        answers.insert(0, forks.run(*args[0], folder=home, mode="SIGSTOP", at=at, meanwhile=meanwhile))
+        self.world.settle(out, names, answers, moment[0])
+
     # What people do.
 
     @rule(out=DATASETS | OTHERS, name=st.sampled_from(["note.txt", "data/note.txt", "meta/note.txt"]))
@@ -167,37 +198,46 @@ class Life(RuleBasedStateMachine):
             path.write_text("mine")
             self.world.places[out] = replace(place, note=name)
 
-    @some(MINE)
     @rule(out=places(MINE))
+    @some(MINE)
     def remove_what_is_mine(self, out: str) -> None:
         place, path = self.world.places[out], self.world.home / out
         if place.note or place.file:
             (path / place.note if place.note else path).unlink()
         self.world.places[out] = replace(place, note=None, file=False)
 
-    @some(EMPTY)
     @rule(out=OTHERS, folder=st.booleans())
+    @some(EMPTY)
     def take_the_place(self, out: str, folder: bool) -> None:
         path = self.world.home / out
         if not path.exists():
+            folder = folder or self.world.places[out].store
             path.mkdir() if folder else path.write_text("mine")
             self.world.places[out] = replace(self.world.places[out], file=not folder)
 
-    @some(HOLDS)
+    @rule(out=places(STORE_USED))
+    @some(STORE_USED)
+    def remove_from_a_store(self, out: str) -> None:
+        if self.world.places[out].store:
+            for name in (out, f".{out}.part"):
+                shutil.rmtree(self.world.home / name, ignore_errors=True)
+            self.world.places[out] = Place(store=True)
+
     @rule(out=DATASETS, words=st.integers(0, 999))
+    @some(HOLDS)
     def edit_the_card(self, out: str, words: int) -> None:
         if self.world.places[out].holds:
             card = self.world.home / out / "README.md"
             card.write_text(f"{card.read_text()}\nwords {words}\n")
             self.world.places[out] = replace(self.world.places[out], words=f"\nwords {words}\n")
 
-    @some(HOLDS)
     @rule(
         out=DATASETS,
         number=st.integers(0, 99),
         at=st.integers(0, 10**6),
         how=st.sampled_from(["change", "cut", "remove"]),
     )
+    @some(HOLDS)
     def damage(self, out: str, number: int, at: int, how: str) -> None:
         place, folder = self.world.places[out], self.world.home / out
         hidden = {name for name in self.world.files(out) if "/." in f"/{name}"}
@@ -212,8 +252,8 @@ class Life(RuleBasedStateMachine):
                 path.write_bytes(data if how == "change" else data[: at // 2])  # not the last newline only
             self.world.places[out] = replace(place, damaged=place.damaged | {whole[number % len(whole)]})
 
-    @some(HOLDS)
     @rule(out=DATASETS)
+    @some(HOLDS)
     def read(self, out: str) -> None:
         self.world.read_now(out)
 
@@ -248,3 +288,19 @@ def test_a_few_stories(known) -> None:
 def test_many_stories(known, part: int) -> None:
     """Nor of a hundred, of which every process tells a part."""
     tell(known, part, int(os.environ.get("IBDATA_STORIES", "100")) // PARTS)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("fault", ["before", "after", "EIO", "SIGTERM"])
+def test_every_request_to_a_store(known, fault: str) -> None:
+    """Each meets a fault; then another experiment is refused or takes the place, and the same one goes on."""
+    for at in range(1, 41):
+        world = World(known, {"z": None}, "z")
+        for name, moment in (("A", (fault, 2 * at)), ("B", ("none", 0)), ("A", ("none", 0))):
+            args = ["generate", known.folder / f"{name}.yaml", "--quiet", "--workers", 1]
+            expected = model.generate(world.places["z"], name, [])
+            world.run(
+                "z", expected, moment, *args, "--out", world.address("z"), made=(name, name, frozenset())
+            )
+        assert world.places["z"].holds
+        shutil.rmtree(world.home)
