@@ -4,10 +4,12 @@ import json
 import os
 import shutil
 
+import boto3
 import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.folders import litter
+from helpers.pages import blocks
 from helpers.splits import HALVES
 
 import ibdata
@@ -199,3 +201,16 @@ def test_the_snippet_of_hugging_face(use_with):
     frame = data.windows(view={"observe": "markov"}).frame
     assert (np.stack([found[name][:] for name in frame], axis=1) == expected["observations"]).all()
     assert (found["reward"][:] == expected["rewards"]).all()
+
+
+def test_the_snippet_of_the_page_reads_a_bucket(bucket, started, monkeypatch):
+    """The server here answers without TLS, which polars must be told."""
+    monkeypatch.setenv("AWS_ALLOW_HTTP", "true")
+    boto3.client("s3").create_bucket(Bucket="my-bucket")
+    made = ibdata.generate("safe", "s3://my-bucket/safe", overrides=["output.shard_rows=2000"])
+    page = (ROOT / "docs/scale.md").read_text().partition("## Reading from a bucket")[2]
+    names = {}
+    exec(blocks(page, "python")[0], names)
+    expected = np.sort(made.table(["reward"])["reward"].to_numpy()).tobytes()
+    for reader in ("polars", "duckdb", "daft", "ray"):
+        assert np.sort(np.asarray(names[f"by_{reader}"]["reward"])).tobytes() == expected, reader

@@ -2,14 +2,15 @@
 
 import re
 import subprocess
-import sys
+from contextlib import suppress
+from pathlib import Path
 
 import boto3
 import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.datasets import PLAIN
-from helpers.pages import blocks
+from helpers.pages import blocks, check_guide
 
 import ibdata
 from ibdata._system.storage import Remote
@@ -56,12 +57,39 @@ def test_no_bucket_and_no_dataset_are_an_error_of_one_line(bucket):
             ibdata.open(place)
 
 
-def test_the_commands_and_the_snippet_of_the_page(bucket, command, tmp_path):
+def section(name):
+    """A section of the page, which is run in a folder of its own."""
     text = (ROOT / "docs/scale.md").read_text()
-    lines = re.findall(r"`(ibdata [a-z]+ [^`]*s3://my-bucket[^`]*)`", text)
-    assert [line.split()[1] for line in lines] == ["generate", "info", "head", "validate"]
-    (snippet,) = (block for block in blocks(text, "python") if "s3://" in block)
+    return re.search(rf"^## {name}\n.*?(?=^## )", text, re.M | re.S)[0]
+
+
+def test_the_code_of_the_page(bucket, tmp_path):
     boto3.client("s3").create_bucket(Bucket="my-bucket")
-    for args in (*([command, *line.split()[1:]] for line in lines), [sys.executable, "-c", snippet]):
-        done = subprocess.run(args, capture_output=True, text=True, timeout=120)
-        assert done.returncode == 0, done.stderr
+    check_guide(section("Object stores"), tmp_path)
+    assert ibdata.open("s3://my-bucket/safe-too").content_root == ibdata.open("s3://my-bucket/safe").content_root
+
+
+SBATCH = """#!/bin/sh
+case "$*" in
+*--wrap*) for last; do :; done; exec sh -ec "$last" >&2 ;;
+esac
+for SLURM_ARRAY_TASK_ID in 1 2 3 4; do
+    export SLURM_ARRAY_TASK_ID SLURM_ARRAY_TASK_COUNT=4
+    sh -e "$2" >&2 || exit 1
+done
+echo 17
+"""
+
+
+def test_the_array_job_of_the_page(bucket, command, tmp_path, monkeypatch):
+    """An sbatch that runs the tasks one after the other, and then the job that waits for them."""
+    with suppress(boto3.client("s3").exceptions.BucketAlreadyOwnedByYou):
+        boto3.client("s3").create_bucket(Bucket="my-bucket")
+    array, submit = blocks(section("Several hosts"), "bash")
+    (tmp_path / "array.sh").write_text(array)
+    (tmp_path / "sbatch").write_text(SBATCH)
+    (tmp_path / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{Path(command).parent}", prepend=":")
+    subprocess.run(["sh", "-ec", submit], check=True, timeout=300)
+    whole = ibdata.generate("drifting", "whole", overrides=["output.shard_rows=5000"])
+    assert ibdata.open("s3://my-bucket/array").content_root == whole.content_root
