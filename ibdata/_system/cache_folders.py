@@ -1,4 +1,4 @@
-"""Folders for what is kept between processes: machine code, and datasets that wait to be uploaded."""
+"""Folders for what is kept between processes: machine code."""
 
 from __future__ import annotations
 

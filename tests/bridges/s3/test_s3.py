@@ -66,7 +66,9 @@ def section(name):
 def test_the_code_of_the_page(bucket, tmp_path):
     boto3.client("s3").create_bucket(Bucket="my-bucket")
     check_guide(section("Object stores"), tmp_path)
-    assert ibdata.open("s3://my-bucket/safe-too").content_root == ibdata.open("s3://my-bucket/safe").content_root
+    assert (
+        ibdata.open("s3://my-bucket/safe-too").content_root == ibdata.open("s3://my-bucket/safe").content_root
+    )
 
 
 SBATCH = """#!/bin/sh
