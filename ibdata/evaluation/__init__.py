@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ibdata._numerics.arguments import public
 from ibdata._system.memory import refuse_too_much
 from ibdata._system.progress import bar
@@ -121,14 +123,13 @@ def evaluate(
     for (label, policy), notes_of_policy in zip(policies.items(), of_policies.notes, strict=True):
         all_notes += [f"{label}: {note}" for note in (*notes_of_policy, *other_dynamics(policy, scenario))]
     members = {label: {name: policies[name] for name in names} for label, names in groups.items()}
-    yours = []
+    yours, returns = [], iter(of_policies.discounted)
     for label, of_label in members.items():
-        is_of_training = any(map(is_trained, of_label.values()))
-        at = [labels.index(name) for name in of_label]
-        yours.append(Group(label, YOURS, is_of_training, of_policies.discounted[at]))
+        of_group = np.array([next(returns) for _ in of_label])
+        yours.append(Group(label, YOURS, any(map(is_trained, of_label.values())), of_group))
         all_notes += data_notes(label, list(of_label.values()), baselines.set)
     again = dict(zip(kinds, at_references, strict=True))
-    others = [Group(kind, KNOWN, False, returns[None]) for kind, returns in again.items()]
+    others = [Group(kind, KNOWN, False, of_kind[None]) for kind, of_kind in again.items()]
     others += baselines.lines(again)
     sources = list(dict.fromkeys(group.source for group in others))
     others.sort(key=lambda group: sources.index(group.source))

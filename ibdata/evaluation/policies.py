@@ -35,7 +35,7 @@ from ibdata.views.options import OBSERVED, PLAIN, ViewOptions
 
 
 class Given(NamedTuple):
-    """The policies that a user gave, by their labels, and under each label of theirs those that it has."""
+    """The policies that a user gave, in the order of the user's labels, and the policies of each of these."""
 
     policies: dict[str, Policy]
     groups: dict[str, list[str]]
@@ -67,7 +67,7 @@ def policies_of(policies: Any, history: int | Mapping[str, int] = 1, allow_code:
             by_label[label] = block_policy(block, f"history: {group}").labelled(label)
     for label, members in groups.items():
         _refuse_mixed(label, [by_label[member] for member in members])
-    return Given(by_label, groups)
+    return Given({member: by_label[member] for members in groups.values() for member in members}, groups)
 
 
 def is_trained(policy: Policy) -> bool:

@@ -84,7 +84,7 @@ def _json(found: Evaluation) -> str:
     groups = {
         label: [
             {
-                "policy": policy.labelled("x").plain() | {"name": None},
+                "policy": policy.plain() | {"name": None},
                 "networks": {part.sha256: part.weights.file for part in policy.everywhere(Network)},
                 "returns_sha256": sha256_of(next(returns)),
             }

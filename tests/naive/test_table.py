@@ -251,6 +251,16 @@ def test_seeds_in_another_order(runs):
             assert a == pytest.approx(b, rel=1e-12) if isinstance(a, float) else a == b
 
 
+def test_labels_that_alternate(runs, run):
+    """Somebody lists the files of a loop over seeds, in which labels alternate. Each line has its own."""
+    words = ("iql=runs/iql-0.safetensors", "bc=runs/bc-0.safetensors", "iql=runs/iql-1.safetensors")
+    assert command(run, *words, "--save", "runs/t.json")[0] == 0
+    together = evaluate({"iql": files("iql")[:2], "bc": files("bc")[0]}, episodes=3, steps=4)
+    saved = json.loads((runs / "t.json").read_text())
+    assert saved["algorithms"] == [x._asdict() for x in together.algorithms]
+    assert run("evaluate", "--again", "runs/t.json", "-q")[0] == 0
+
+
 def test_in_a_loop_over_setpoints(runs):
     """Somebody evaluates each setpoint alone. The lines are those of one call."""
     together = evaluate({"iql": files("iql")}, **SHORT)

@@ -1,5 +1,8 @@
 """Networks of Stable-Baselines3, d3rlpy and plain torch act in ibdata as they do in their library."""
 
+import subprocess
+import sys
+
 import d3rlpy
 import numpy as np
 import pytest
@@ -202,3 +205,16 @@ def test_a_stack_with_the_oldest_observation_first_is_refused(file, env, name):
 @pytest.mark.parametrize("page", ["networks.md", "custom-policies.md"])
 def test_a_page_prints_what_it_says(tmp_path, page):
     check_guide((ROOT / "docs" / page).read_text(encoding="utf-8"), tmp_path)
+
+
+def test_the_page_from_a_set_to_a_table_runs(tmp_path):
+    """At a small size: a tenth of the episodes."""
+    text = (ROOT / "docs/train-offline.md").read_text(encoding="utf-8")
+    (tmp_path / "page.md").write_text(text.replace('"episodes": 10', '"episodes": 1'), encoding="utf-8")
+    command = [sys.executable, str(ROOT / "scripts/guide"), "page.md"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "What was played again is the same as table.json" in done.stderr
+    table = (tmp_path / "table.tex").read_text(encoding="utf-8")
+    assert "bc & 3 & $-$" in table
+    assert "iql & 3 & $-$" in table
