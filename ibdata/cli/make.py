@@ -82,14 +82,14 @@ def init_command(file: Path) -> Printed:
 @click.option(
     "--shards",
     metavar="I/N",
-    help="Make only part I of N, counted from 1. Several hosts that share DIR or reach the URL can make one part "
-    "each; then `ibdata finalize` completes the dataset.",
+    help="Make only part I of N, counted from 1. Several hosts that share DIR or reach the URL can make one "
+    "part each; then `ibdata finalize` completes the dataset.",
 )
 @click.option(
     "--overwrite",
     is_flag=True,
-    help="Replace the dataset in DIR, but none at a URL; it stays readable until the new one is complete. The "
-    "unfinished run of another experiment is dropped at once.",
+    help="Replace the dataset in DIR, but none at a URL; it stays readable until the new one is complete. "
+    "The unfinished run of another experiment is dropped at once.",
 )
 @click.option("--dry-run", is_flag=True, help="Tell the size and what would be done; write nothing.")
 @allow_code_option
