@@ -10,7 +10,6 @@ import errno
 import hashlib
 import os
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
@@ -216,7 +215,9 @@ class Remote(Storage):
         """Upload a file of a size. If that fails, part of it may be there."""
         with plain_errors():
             with self._in_folder(self._files.open_output_stream, f"{self._base}/{path}") as stream:
-                shutil.copyfileobj(source, stream, BLOCK)
+                while block := source.read(BLOCK):
+                    stream.write(block)
+                    stream.flush()  # else all that a slow network has not taken yet is in memory
             if (found := self.size(path)) != size:
                 raise OSError(errno.EIO, f"{path}: found {found} bytes after {size} were written")
 
