@@ -197,10 +197,13 @@ class Store:
     def found(self) -> Storage | None:
         try:
             self._sizes = self.files.sizes()
+            if manifest.PATH not in self._sizes:
+                if self._publishing():
+                    return None
+                self._sizes = self.files.sizes()  # a run may have ended since the first look
         except OSError as error:
             raise DatasetError(f"{self.name}: cannot be read: {reason(error)}") from None
-        is_half_done = manifest.PATH not in self._sizes and self._publishing()
-        return None if is_half_done or not self._sizes else self.files
+        return self.files if self._sizes else None
 
     def size_of(self, path: str) -> int | None:
         return self._sizes.get(path)

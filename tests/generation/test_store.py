@@ -57,6 +57,10 @@ def interrupted(monkeypatch, at, methods=METHODS, before=True):
     return done
 
 
+def interrupt():
+    raise Lost("connection lost")
+
+
 def outcome(url):
     try:
         four_shards_at(url)
@@ -244,6 +248,26 @@ def test_a_run_that_another_host_has_finished_is_finished(url, is_whole, monkeyp
 
     monkeypatch.setattr(Build, "_gather", late)
     four_shards_at(url)
+    assert is_whole()
+
+
+def test_a_run_that_ends_while_somebody_looks_is_a_dataset(url, is_whole, monkeypatch):
+    """Its shards were there at the first look, and its mark is gone at the next."""
+    publishing = places.Store._publishing
+
+    def ending(store):
+        monkeypatch.setattr(places.Store, "_publishing", publishing)
+        four_shards_at(url)
+        return publishing(store)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(places.Store, "appear", lambda *args: interrupt())
+        with pytest.raises(IbdataError, match="connection lost"):
+            four_shards_at(url)
+    monkeypatch.setattr(places.Store, "_publishing", ending)
+    place = places.place_at(url)
+    place.found()
+    assert place.size_of(manifest.PATH)
     assert is_whole()
 
 
