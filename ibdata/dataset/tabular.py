@@ -99,7 +99,7 @@ def as_text(table: Table) -> str:
     score: 0 to 100
     """
     cells = [list(table.names), *cells_of(table)]
-    right = is_numeric(table)
+    right = _is_numeric(table)
     widths = [max(map(len, column)) for column in zip(*filter(_is_row, cells), strict=True)]
     lines = [
         "  ".join(x.rjust(w) if r else x.ljust(w) for x, w, r in zip(line, widths, right, strict=True))
@@ -136,7 +136,7 @@ def as_html(tables: Sequence[Table]) -> str:
     parts = []
     for table in tables:
         if table.rows:
-            styles = [f' style="text-align: {"right" if right else "left"}"' for right in is_numeric(table)]
+            styles = [f' style="text-align: {"right" if right else "left"}"' for right in _is_numeric(table)]
             lines = [
                 "".join(f"<{tag}{style}>{escape(x)}</{tag}>" for x, style in zip(cells, styles, strict=True))
                 if _is_row(cells)
@@ -166,7 +166,7 @@ def _is_row(row: Sequence[Any]) -> bool:
     return not isinstance(row, str)
 
 
-def is_numeric(table: Table) -> list[bool]:
+def _is_numeric(table: Table) -> list[bool]:
     """Whether each column holds numbers."""
     columns = zip(*filter(_is_row, table.rows), strict=True)
     return [any(isinstance(x, int | float | Number) for x in column) for column in columns]

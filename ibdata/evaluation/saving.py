@@ -13,7 +13,7 @@ import numpy as np
 from ibdata._system.configs import canonical_file
 from ibdata._system.files import write
 from ibdata._system.storage import local
-from ibdata.dataset.tabular import cells_of, is_numeric
+from ibdata.dataset.tabular import cells_of
 from ibdata.errors import OVERWRITE, UsageError, meant, printable
 from ibdata.evaluation.algorithms import printed
 from ibdata.policies.network import Network
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 LAYOUT = "ibdata-table-1"
 TEXT = {character: f"\\{character}" for character in "&%_#${}"}
 TEXT |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-NUMBER = {"-": "$-$", "±": r"$\pm$", "–": "--"}  # of which a label has none but the hyphen
+NUMBER = {"-": "$-$", "±": r"$\pm$", "–": "--"}  # the hyphen of a label stays
 
 
 def place_of(path: str | os.PathLike[str], overwrite: bool) -> Path:
@@ -46,29 +46,27 @@ def save(found: Evaluation, place: Path) -> None:
 
 
 def _latex(found: Evaluation) -> str:
-    table = printed(found.algorithms, wide=True)
-    text, number, right = str.maketrans(TEXT), str.maketrans(TEXT | NUMBER), is_numeric(table)
+    table, text, number = printed(found.algorithms, wide=True), str.maketrans(TEXT), str.maketrans(NUMBER)
+    count = len(table.names)
     lines = [f"% {printable(note)}" for note in found.said]
-    lines += [rf"\begin{{tabular}}{{{''.join('r' if x else 'l' for x in right)}}}", r"\toprule"]
+    lines += [rf"\begin{{tabular}}{{l{'r' * (count - 1)}}}", r"\toprule"]
     for row in [list(table.names), *cells_of(table)]:
         if isinstance(row, str):
-            lines.append(rf"\midrule \multicolumn{{{len(right)}}}{{l}}{{\emph{{{row.translate(text)}}}}} \\")
+            lines.append(rf"\midrule \multicolumn{{{count}}}{{l}}{{\emph{{{row.translate(text)}}}}} \\")
         else:
-            is_head = lines[-1] == r"\toprule"
-            cells = (
-                x if is_head else x.translate(number if r else text) for x, r in zip(row, right, strict=True)
+            label, *numbers = row
+            lines.append(
+                " & ".join([label.translate(text), *(x.translate(number) for x in numbers)]) + r" \\"
             )
-            lines.append(" & ".join(cells) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def _markdown(found: Evaluation) -> str:
     table = printed(found.algorithms, wide=True)
-    right = is_numeric(table)
-    lines = [[*table.names], ["---:" if x else "---" for x in right]]
+    lines = [[name.replace("-", "−") for name in table.names], ["---", *["---:"] * (len(table.names) - 1)]]
     for row in cells_of(table):
-        cells = [f"*{row}*", *[""] * (len(right) - 1)] if isinstance(row, str) else row
-        lines.append([cells[0].replace("|", r"\|"), *(x.replace("-", "−") for x in cells[1:])])
+        label, *numbers = [f"*{row}*", *[""] * (len(table.names) - 1)] if isinstance(row, str) else row
+        lines.append([label.replace("|", r"\|"), *(x.replace("-", "−") for x in numbers)])
     rows = [f"| {' | '.join(line)} |" for line in lines]
     return "\n".join([*rows, *(f"\n{printable(note)}" for note in found.said), ""])
 

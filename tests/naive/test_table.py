@@ -301,10 +301,13 @@ def test_saved_as_people_need_it(runs):
     latex = found.save(runs / "t.tex").read_text()
     assert r"iql\_a & 3 & $-$" in latex
     assert r"50 \% \& more & 1 & " in latex
+    assert r"& score & $-$ optimized &" in latex
     assert re.search(r"\$\\pm\$ +-- &", latex)
     body = latex[latex.index(r"\toprule") :]
     assert not any(bad in body for bad in ("–", "−", "±"))
     assert "| bc | 1 | −" in found.save(runs / "t.md").read_text()
+    plain = evaluate("safe", **SHORT).save(runs / "plain.tex").read_text()
+    assert "safe & -- & $-$" in plain
     with found.save(runs / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["setpoint"], float(row["mean_return"])) for row in rows[:3]] == [
