@@ -1,5 +1,6 @@
 """Networks of Stable-Baselines3, d3rlpy and plain torch act in ibdata as they do in their library."""
 
+import os
 import subprocess
 import sys
 
@@ -208,11 +209,13 @@ def test_a_page_prints_what_it_says(tmp_path, page):
 
 
 def test_the_page_from_a_set_to_a_table_runs(tmp_path):
-    """At a small size: a tenth of the episodes."""
+    """At a small size: a tenth of the episodes and of the steps, on one thread."""
     text = (ROOT / "docs/train-offline.md").read_text(encoding="utf-8")
-    (tmp_path / "page.md").write_text(text.replace('"episodes": 10', '"episodes": 1'), encoding="utf-8")
+    text = text.replace('"episodes": 10', '"episodes": 1').replace("STEPS = 100 ", "STEPS = 10 ")
+    (tmp_path / "page.md").write_text(text, encoding="utf-8")
     command = [sys.executable, str(ROOT / "scripts/guide"), "page.md"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    env = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=env)
     assert done.returncode == 0, done.stderr
     assert "What was played again is the same as table.json" in done.stderr
     table = (tmp_path / "table.tex").read_text(encoding="utf-8")
