@@ -281,17 +281,19 @@ class Store:
     def clear(self, run: Run) -> None:
         assert isinstance(run, StoreRun)
         ignore()  # the dataset is there
-        run.remove()
-        self.tidy()
+        self._remove(run)
 
     def tidy(self) -> None:
         with suppress(OSError, IbdataError):
             checksum = manifest.checksum_in(self.files)
-            for run in self._runs():
-                if checksum and note_of(run).get("manifest") == checksum:
-                    run.remove()
-            if not self.files.part.names(""):
-                self.files.part.remove()  # an empty folder, or the mark that pyarrow leaves for one
+            published = [run for run in self._runs() if note_of(run).get("manifest") == checksum]
+            for run in published if checksum else ():
+                self._remove(run)
+
+    def _remove(self, run: StoreRun) -> None:
+        run.remove()
+        if not self.files.part.names(""):
+            self.files.part.remove()  # an empty folder, or the mark that pyarrow leaves for one
 
     def shown(self, files: Run | Storage | None = None) -> str:
         return self.name if files is None else files.name

@@ -17,6 +17,7 @@ from helpers import FULL
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.datasets import four_shards_at
 from helpers.folders import contents
+from helpers.fork_server import whole
 
 import ibdata
 from ibdata._system.cache_folders import CacheFolders
@@ -61,6 +62,14 @@ def interrupt():
     raise Lost("connection lost")
 
 
+@pytest.fixture(autouse=True)
+def _objects_are_whole(monkeypatch, tmp_path_factory):
+    """As in a store: a file that is being written is not there."""
+    objects = str(tmp_path_factory.mktemp("objects"))
+    for name in ("put", "copy_from"):
+        monkeypatch.setattr(Remote, name, whole(getattr(Remote, name), objects))
+
+
 def outcome(url):
     try:
         four_shards_at(url)
@@ -71,7 +80,7 @@ def outcome(url):
 @pytest.fixture
 def is_whole(tiny, files):
     """Whether the dataset at the URL has the files of one in a folder, and nothing is beside it."""
-    return lambda: files("there") == files(tiny[0].path) and not Path(".there.part").exists()
+    return lambda: files("there") == files(tiny[0].path) and not files(".there.part")
 
 
 def test_the_files_of_a_folder_are_there_the_manifest_last(url, tiny, is_whole, monkeypatch, capsys):

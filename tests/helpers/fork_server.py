@@ -58,12 +58,12 @@ def load(folder: str) -> None:
             thread.join()
 
 
-def whole(put: Callable[..., None]) -> Callable[..., None]:
+def whole(put: Callable[..., None], objects: str) -> Callable[..., None]:
     """Let an object be there as a whole or not, as in a store, while a file begins empty."""
 
     @functools.wraps(put)
     def put_whole(self: Any, source: Any, path: str, *size: int) -> None:
-        with tempfile.TemporaryDirectory(dir=OBJECTS) as elsewhere:
+        with tempfile.TemporaryDirectory(dir=objects) as elsewhere:
             put(type(self)(f"file://{elsewhere}"), source, path, *size)
             target, is_there = self.folder / path, False
             while not is_there:  # a store has no folders, which somebody else may remove
@@ -76,11 +76,12 @@ def whole(put: Callable[..., None]) -> Callable[..., None]:
     return put_whole
 
 
-def objects_are_whole() -> None:
+def objects_are_whole(objects: str) -> None:
     """The folders at URLs are stores of objects."""
     from ibdata._system.storage import Remote
 
-    Remote.put, Remote.copy_from = whole(Remote.put), whole(Remote.copy_from)  # type: ignore[method-assign]
+    for name in ("put", "copy_from"):
+        setattr(Remote, name, whole(getattr(Remote, name), objects))
 
 
 def run(args: list[str]) -> int:
@@ -138,8 +139,8 @@ def serve() -> None:
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as OBJECTS:
-        objects_are_whole()
+    with tempfile.TemporaryDirectory() as objects:
+        objects_are_whole(objects)
         with tempfile.TemporaryDirectory() as folder:
             load(folder)
         serve()
