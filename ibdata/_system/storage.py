@@ -10,6 +10,7 @@ import errno
 import hashlib
 import os
 import re
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
-BLOCK = 2**23
+BLOCK, UPLOADED = 2**23, 2**20  # bytes that are read at once
+_uploading = threading.Lock()
 
 
 class Storage:
@@ -109,15 +111,17 @@ class Remote(Storage):
         scheme, _, rest = url.partition("://")
         self.url = f"{scheme.lower()}://{rest}".rstrip("/")
         self.name = hidden(self.url)
+        self._given = self.url
         self._files, base = _file_system(self.url)
         self._base = base.rstrip("/")
-        if not self._base:
+        if not self._base or {".", ".."} & {*self.parts} or "#" in url:
             raise UsageError(
-                f"{printable(url)}: found no name in the URL, expected one such as s3://bucket/name"
+                f"{printable(url)}: found no name in the URL, or . or .. or #, expected one such as "
+                "s3://bucket/name"
             )
 
-    def __reduce__(self) -> tuple[type[Remote], tuple[str]]:
-        return type(self), (self.url,)
+    def __reduce__(self) -> tuple[Callable[[str, str, str], Remote], tuple[str, str, str]]:
+        return _restored, (self._given, self.url, self._base)  # a path may not be read from a URL twice
 
     @property
     def path(self) -> Path:
@@ -205,6 +209,13 @@ class Remote(Storage):
         found.name = hidden(found.url)
         return found
 
+    def around(self, path: str) -> str | None:
+        """The first of the folders around this one that has a file of this path; None if none has."""
+        folders = ["/".join(self.parts[:i]) for i in range(1, len(self.parts)) if self.parts[i - 1]]
+        with plain_errors():
+            found = self._files.get_file_info([f"{folder}/{path}" for folder in folders])
+        return next((folder for folder, info in zip(folders, found, strict=True) if info.is_file), None)
+
     def size(self, path: str) -> int | None:
         """The bytes of a file; None if there is none."""
         with plain_errors():
@@ -213,9 +224,9 @@ class Remote(Storage):
 
     def put(self, source: IO[bytes], path: str, size: int) -> None:
         """Upload a file of a size. If that fails, part of it may be there."""
-        with plain_errors():
+        with plain_errors(), _uploading:  # several at once would not be faster, and need more memory
             with self._in_folder(self._files.open_output_stream, f"{self._base}/{path}") as stream:
-                while block := source.read(BLOCK):
+                while block := source.read(UPLOADED):
                     stream.write(block)
                     stream.flush()  # else all that a slow network has not taken yet is in memory
             if (found := self.size(path)) != size:
@@ -245,6 +256,12 @@ class Remote(Storage):
                 self._files.delete_file(f"{self._base}/{path}")
             else:
                 self._files.delete_dir(self._base)
+
+
+def _restored(given: str, url: str, base: str) -> Remote:
+    found = Remote(given)
+    found.url, found.name, found._base = url, hidden(url), base
+    return found
 
 
 @contextmanager

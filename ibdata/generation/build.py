@@ -170,12 +170,12 @@ class Build:
                     self._begin(record)
                     self._has_begun = True
                 yield
-            except Interrupted as error:
-                if done := self.finished:
-                    how = "the same command goes on"
-                    if self.spec.live:
-                        how = "with an object of this session as a policy, a run begins again"
-                    error.left = f"{'1 shard is' if done == 1 else f'{done} shards are'} finished; {how}"
+            except BaseException as error:
+                if self._has_begun and self.spec.live:
+                    self._place.clear(self.run)  # nobody can go on with it
+                elif isinstance(error, Interrupted) and (done := self.finished):
+                    shards = "1 shard is" if done == 1 else f"{done} shards are"
+                    error.left = f"{shards} finished; the same command goes on"
                 raise
 
     def _begin(self, record: Record) -> None:
@@ -202,6 +202,13 @@ class Build:
         shards = self.spec.shards if shards is None else shards
         whole = {written.shard for written in finished_shards(self.run, shards, closely=True)}
         return [shard for shard in shards if shard not in whole]
+
+    def is_published(self) -> bool:
+        """Whether another host has published the dataset meanwhile; then what was made here is removed."""
+        if self._is_made or not self.is_there():
+            return self._is_made
+        self._place.clear(self.run)
+        return True
 
     def publish(self, closely: bool = False) -> None:
         """Write the metadata, and give the dataset its name, in place of what is there.

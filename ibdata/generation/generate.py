@@ -157,6 +157,8 @@ def _make_shards(
 ) -> None:
     """Make those of the shards that are missing."""
     spec, missing = build.spec, build.missing(shards)
+    if not missing:
+        return
     rows = spec.rows_in(shards)
     with progress.bar(rows, rows - spec.rows_in(missing)):
         for number in engine(process, missing, build.run, progress.reach):
@@ -232,7 +234,7 @@ def make_range(
             record = process.call(observe)  # for up to a minute, while other hosts need the lock
             with build.open(record, shared=True):
                 _make_shards(build, shards, process, engine, progress)
-                missing = len(spec.shards) - build.finished
+                missing = 0 if build.is_published() else len(spec.shards) - build.finished
     shown = hidden(place) if isinstance(place, str) else place
     return PartMade(shown, len(shards), spec.rows_in(shards), missing, str(shard_range))
 
@@ -256,13 +258,14 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
     place.refuse(overwrite=False)
     if place.found() is None:
         begun = Build.begun(folder)
-        if begun is None:
+        if begun is None and place.found() is None:  # which another host may have published meanwhile
             raise UsageError(
                 f"{place.name}: holds no finished shard; make all parts with ibdata generate --shards i/n"
             )
-        build, record = begun
-        with build.open(record):
-            build.publish(closely=True)
+        if begun is not None:
+            build, record = begun
+            with build.open(record):
+                build.publish(closely=True)
     dataset = Dataset(folder)
     place.found()
     refuse_damage(dataset.stored.manifest, place, place.name)

@@ -51,6 +51,7 @@ from ibdata.generation.metadata import as_json
 from ibdata.generation.record import Record
 from ibdata.generation.shard import AT_ONCE, WrittenShard
 
+UPLOAD = re.compile("[0-9a-f]{24}")  # what an older ibdata kept
 SHARD = re.compile(r"data/part-[0-9]{5,}-[0-9a-f]+[.]parquet")
 Documents = Iterable[tuple[str, bytes]]  # paths and contents of what is no shard, the manifest last
 
@@ -193,6 +194,8 @@ class Store:
         refuse_name(self.files.parts, self.name)
         if self.files.folder is not None:
             manifest.refuse_inside(self.files.folder)
+        if (around := self.files.around(manifest.PATH)) is not None:
+            raise UsageError(f"{self.name}: lies within the dataset {around}; choose a place outside of it")
 
     def found(self) -> Storage | None:
         try:
@@ -230,10 +233,13 @@ class Store:
 
     def _forget_uploads(self) -> None:
         """Remove what an older ibdata has left, which made datasets here before it uploaded them."""
-        folder = Path(cache_folders().folders[-1], "uploads")
-        if folder.exists():
-            shutil.rmtree(folder, ignore_errors=True)
-            notice(f"{folder}: removed what an older ibdata had kept for uploads; it is made again")
+        uploads = Path(cache_folders().folders[-1], "uploads")
+        for folder in existing_paths(uploads):
+            if UPLOAD.fullmatch(folder.name):
+                shutil.rmtree(folder, ignore_errors=True)
+                notice(f"{folder}: removed what an older ibdata had kept for an upload; it is made again")
+        with suppress(OSError):
+            uploads.rmdir()
 
     def begin(self, run: Run, record: Record) -> bool:
         if note_of(run):
@@ -248,12 +254,12 @@ class Store:
         """
         made, self._documents = run.dataset(), dict(documents)
         assert isinstance(made, Remote)
-        was_publishing, listed = note_of(run).get("manifest"), json.loads(self._documents[manifest.PATH])
-        if was_publishing != listed["checksum"]:
-            record.model_copy(update={"manifest": listed["checksum"]}).write(run)
+        noted, checksum = note_of(run).get("manifest"), json.loads(self._documents[manifest.PATH])["checksum"]
+        if noted != checksum:
+            record.model_copy(update={"manifest": checksum}).write(run)
         others = [other for other in self._publishing() if other.name != run.name]
         is_taken = self.files.size(manifest.PATH) is not None  # then others may be removed already
-        if (others or is_taken) and not was_publishing:
+        if (others or is_taken) and noted is None:
             record.write(run)
         if is_taken:
             return
@@ -281,7 +287,10 @@ class Store:
     def clear(self, run: Run) -> None:
         assert isinstance(run, StoreRun)
         ignore()  # the dataset is there
-        self._remove(run)
+        try:
+            self._remove(run)
+        except OSError as error:
+            notice(f"{run.name}: cannot be removed: {reason(error)}; it is needed no more, remove it")
 
     def tidy(self) -> None:
         with suppress(OSError, IbdataError):

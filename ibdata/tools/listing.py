@@ -95,11 +95,16 @@ def datasets_in(folder: str | os.PathLike[str]) -> Listing:
         UsageError: There is no such folder.
     """
     if url := url_of(folder):
-        return Listing(hidden(url), _in_store(Remote(url)))
+        files = Remote(url)
+        return Listing(hidden(url), [*_unfinished_at(files), *_in_store(files)])
     root = local(folder)
     if not os.path.isdir(root):
         raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")
     return Listing(str(folder), sorted(_listed(root)))
+
+
+def _unfinished_at(files: Storage) -> list[Listed]:
+    return [_unfinished(run) for run in runs_at(files) if manifest.is_unfinished(run, files)]
 
 
 def _in_store(files: Remote) -> Iterator[Listed]:
@@ -108,10 +113,9 @@ def _in_store(files: Remote) -> Iterator[Listed]:
     if "meta/" in names and files.size(manifest.PATH) is not None:
         yield _finished(files)
         return
-    for name in (name.rstrip("/") for name in names if name.endswith("/")):
+    for name in (name.rstrip("/") for name in names if name.endswith("/") and name != "/"):
         if name.startswith(".") and name.endswith(".part"):
-            place = files.below(name[1:].removesuffix(".part"))
-            yield from (_unfinished(run) for run in runs_at(place) if manifest.is_unfinished(run, place))
+            yield from _unfinished_at(files.below(name[1:].removesuffix(".part")))
         elif not name.startswith("."):
             yield from _in_store(files.below(name))
 

@@ -25,6 +25,7 @@ from ibdata._system.storage import Remote
 from ibdata.cli import main
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, DatasetError, IbdataError, Interrupted, UsageError
+from ibdata.generation import generate as generation
 from ibdata.generation import places, workers
 from ibdata.generation.build import Build
 
@@ -282,6 +283,64 @@ def test_a_run_that_ends_while_somebody_looks_is_a_dataset(url, is_whole, monkey
     assert is_whole()
 
 
+@pytest.mark.parametrize("shards", [None, "1/2"])
+@pytest.mark.parametrize("place", ["folder", "there"])
+def test_a_host_that_comes_last_finds_the_dataset(url, place, shards, monkeypatch, capsys):
+    """Another host has published it after this one looked."""
+    out = url.replace("there", place) if place == "there" else place
+    real = Build.look
+
+    def looking(build):
+        found = real(build)
+        monkeypatch.setattr(Build, "look", real)
+        four_shards_at(out)
+        return found
+
+    monkeypatch.setattr(Build, "look", looking)
+    made = ibdata.generate(TINY, out, workers=1, **({"shards": shards} if shards else {}))
+    assert made.missing == 0 if shards else len(made) == 20
+    assert ibdata.validate(out) == []
+
+
+def test_a_part_that_comes_late_leaves_nothing(url, is_whole, monkeypatch):
+    """The dataset was finished by others while it made its shards."""
+    make_shards = generation._make_shards
+
+    def late(*args):
+        monkeypatch.setattr(generation, "_make_shards", make_shards)
+        four_shards_at(url)
+        make_shards(*args)
+
+    monkeypatch.setattr(generation, "_make_shards", late)
+    assert ibdata.generate(TINY, url, workers=1, shards="1/2").missing == 0
+    assert is_whole()
+
+
+def test_an_object_of_a_session_leaves_no_run(url):
+    """Nobody could go on with it."""
+
+    class Failing:
+        def predict(self, observations):
+            if len(list(Path(".there.part").glob("*/receipts/*"))) > 1:
+                raise KeyboardInterrupt
+            return observations[:, 1:4] * 0.0
+
+    experiment = {**TINY.plain(), "policies": [Failing()], "splits": {}}
+    with pytest.raises(KeyboardInterrupt):
+        ibdata.generate(experiment, url, workers=1)
+    assert not contents(".")
+    assert len(four_shards_at(url)) == 20
+
+
+def test_what_is_no_name_of_a_place_is_refused(url):
+    """Another reader of the URL may take it for another place."""
+    for name in ("fr#x", "z/..", "z/../x"):
+        with pytest.raises(UsageError, match=r"found no name in the URL, or \. or \.\. or #, expected one"):
+            four_shards_at(f"{url}/{name}")
+    four_shards_at(f"{url}%2Fq", shards="1/2")
+    assert ibdata.generate(TINY, f"{url}%2Fq", workers=2).content_root
+
+
 def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole):
     """Also those that come while the dataset is published; stale shards of a run that is lost go."""
     Path("there").mkdir()
@@ -372,8 +431,12 @@ def test_what_a_url_cannot_do_is_refused(url, tmp_path):
 def test_what_an_older_version_kept_for_uploads_goes(url, tmp_path, monkeypatch, capsys):
     """It lay in the cache, where nobody looks for gigabytes."""
     monkeypatch.setattr(places, "cache_folders", lambda: CacheFolders((str(tmp_path / "cache"),), True))
-    kept = tmp_path / "cache/uploads/0123/dataset"
+    kept, own = tmp_path / "cache/uploads" / ("0" * 24) / "dataset", tmp_path / "cache/uploads/thesis.txt"
     kept.mkdir(parents=True)
+    own.touch()
     four_shards_at(url)
-    assert not kept.parent.parent.exists()
-    assert "uploads: removed what an older ibdata had kept for uploads" in capsys.readouterr().err
+    assert list(own.parent.iterdir()) == [own]
+    assert ": removed what an older ibdata had kept for an upload" in capsys.readouterr().err
+    own.unlink()
+    four_shards_at(f"{url}-too")
+    assert not own.parent.exists()
