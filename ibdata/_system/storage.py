@@ -120,8 +120,9 @@ class Remote(Storage):
                 "s3://bucket/name"
             )
 
-    def __reduce__(self) -> tuple[Callable[[str, str, str], Remote], tuple[str, str, str]]:
-        return _restored, (self._given, self.url, self._base)  # a path may not be read from a URL twice
+    def __reduce__(self) -> tuple[type[Remote], tuple[str], dict[str, str]]:
+        here = {"url": self.url, "name": self.name, "_base": self._base}
+        return type(self), (self._given,), here  # a path may not be read from a URL twice
 
     @property
     def path(self) -> Path:
@@ -256,12 +257,6 @@ class Remote(Storage):
                 self._files.delete_file(f"{self._base}/{path}")
             else:
                 self._files.delete_dir(self._base)
-
-
-def _restored(given: str, url: str, base: str) -> Remote:
-    found = Remote(given)
-    found.url, found.name, found._base = url, hidden(url), base
-    return found
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -138,6 +138,16 @@ def refuse_partition(parts: Iterable[str], out: str | os.PathLike[str]) -> None:
         )
 
 
+def refuse_name(parts: Sequence[str], place: str | os.PathLike[str]) -> None:
+    """Raise UsageError for a place whose name readers take for a column, or for a single Parquet file."""
+    refuse_partition(parts, place)
+    if parts and parts[-1].lower().endswith(".parquet"):
+        raise UsageError(
+            f"{place}: found the ending .parquet, but a dataset is a folder; leave .parquet out (read its "
+            "files at data/*.parquet)"
+        )
+
+
 def is_unfinished(run: Run, files: Storage) -> bool:
     """Whether a run at a place has finished shards with which somebody may go on.
 
@@ -151,6 +161,16 @@ def is_unfinished(run: Run, files: Storage) -> bool:
     if (made := run.dataset()) is None or checksum_in(files) == noted:
         return False
     return checksum_in(made) in (None, noted)  # else it was replaced, by the exchange
+
+
+def unfinished(files: Storage) -> list[Run]:
+    """The runs beside a place that have finished shards, with which somebody may go on."""
+    return [run for run in runs_at(files) if is_unfinished(run, files)]
+
+
+def just_begun(files: Storage) -> list[Run]:
+    """The runs beside a place that have no finished shard yet."""
+    return [run for run in runs_at(files) if not run.receipts() and note_of(run).get("live") is False]
 
 
 def progress(run: Run) -> tuple[int, int | str]:

@@ -9,19 +9,29 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from typing import Any
 
 from ibdata._system.part import refusals
 from ibdata._system.runs import Run
-from ibdata._system.storage import Storage
+from ibdata._system.storage import Storage, url_of
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import OUT, OVERWRITE, SHARDS, DatasetError, IbdataError, Interrupted, UsageError, notice
 from ibdata.experiment.code import changed_here, names_of
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import finish
-from ibdata.generation.places import Place, just_begun, place_at, unfinished
+from ibdata.generation.folder import Folder
 from ibdata.generation.record import OTHER_BITS, UNREADABLE, Record
 from ibdata.generation.shard import all_written, finished_shards
+from ibdata.generation.store import Store
+
+Place = Folder | Store
+
+
+def place_at(place: Any) -> Place:
+    """The place that a path or a URL names."""
+    url = url_of(place)
+    return Folder(place) if url is None else Store(url)
 
 
 class Build:
@@ -64,7 +74,7 @@ class Build:
         where = place_at(place)
         with refusals(where.name):
             where.refuse(overwrite=False)
-            runs = unfinished(where.files) or just_begun(where.files)
+            runs = manifest.unfinished(where.files) or manifest.just_begun(where.files)
         if not runs:
             return None
         run = where.shown(runs[0])
@@ -128,11 +138,11 @@ class Build:
         return max((len(run.receipts()) for run in self._own_runs()), default=0)
 
     def _own_runs(self) -> list[Run]:
-        return [run for run in unfinished(self._place.files) if self._difference(run) is None]
+        return [run for run in manifest.unfinished(self._place.files) if self._difference(run) is None]
 
     def _other_run(self) -> tuple[Run, str] | None:
         """A run in the part that is another one, and how it differs."""
-        runs = ((run, self._difference(run)) for run in unfinished(self._place.files))
+        runs = ((run, self._difference(run)) for run in manifest.unfinished(self._place.files))
         return next(((run, difference) for run, difference in runs if difference), None)
 
     def _difference(self, run: Run) -> str | None:

@@ -17,13 +17,13 @@ from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import counted
 from ibdata._system.progress import Progress
 from ibdata._system.storage import is_url, local, url_of
+from ibdata.dataset import manifest
 from ibdata.dataset.dataset import Dataset
 from ibdata.errors import OUT, OVERWRITE, SHARDS, UsageError, hidden, notice
 from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
 from ibdata.experiment.code import require_consent
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.generation.build import Build, refuse_damage
-from ibdata.generation.places import place_at, refuse_name
+from ibdata.generation.build import Build, place_at, refuse_damage
 from ibdata.generation.process import Process, process_for
 from ibdata.generation.record import observe
 from ibdata.generation.small_work import interpret_few_rows
@@ -118,7 +118,7 @@ def places_of(
     Raises UsageError if `out` cannot hold the datasets of a folder.
     """
     if out is not None:
-        refuse_name(os.fspath(out).rstrip("/").split("/"), out)
+        manifest.refuse_name(os.fspath(out).rstrip("/").split("/"), out)
     if folder is None:
         if out is not None:
             return [url_of(out) or Path(out)]

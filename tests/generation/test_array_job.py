@@ -15,7 +15,7 @@ from ibdata._system import part as parts
 from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.generation import places, record, workers
+from ibdata.generation import folder, record, workers
 from ibdata.generation.generate import PartMade, Range
 
 SHARDS = DatasetSpec.of(TEN).shards
@@ -115,14 +115,14 @@ def test_missing_and_damaged_shards_are_named(shard_file):
 @pytest.fixture
 def together(monkeypatch):
     """A function that makes ranges in threads, which fill the folders of their runs at the same moment."""
-    barrier, real = threading.Barrier(2), places.rename
+    barrier, real = threading.Barrier(2), folder.rename
 
     def renaming(path, new):
         with suppress(threading.BrokenBarrierError):
             barrier.wait(5)
         real(path, new)
 
-    monkeypatch.setattr(places, "rename", renaming)
+    monkeypatch.setattr(folder, "rename", renaming)
 
     def make_all(*experiments):
         with ThreadPoolExecutor(len(experiments)) as threads:

@@ -206,7 +206,7 @@ def test_a_run_of_a_session_s_object_is_no_unfinished_run(monkeypatch, capsys):
 
     with monkeypatch.context() as stopping:
         stopping.setattr("ibdata.generation.build.finish", Mock(side_effect=Interrupted(2)))
-        stopping.setattr("ibdata.generation.places.Folder.clear", Mock())
+        stopping.setattr("ibdata.generation.folder.Folder.clear", Mock())
         with pytest.raises(Interrupted):
             ibdata.generate({"name": "x", "setpoints": 70, "steps": 4, "policies": [Mine()]}, "live")
     assert Path(".live.part/run/receipts").exists()

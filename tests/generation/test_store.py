@@ -20,14 +20,15 @@ from helpers.folders import contents
 from helpers.fork_server import whole
 
 import ibdata
+from ibdata._system import runs
 from ibdata._system.cache_folders import CacheFolders
 from ibdata._system.storage import Remote
 from ibdata.cli import main
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, DatasetError, IbdataError, Interrupted, UsageError
 from ibdata.generation import generate as generation
-from ibdata.generation import places, workers
-from ibdata.generation.build import Build
+from ibdata.generation import store, workers
+from ibdata.generation.build import Build, place_at
 
 METHODS = ("put", "copy_from", "remove", "size", "sizes", "names", "read")
 
@@ -223,25 +224,25 @@ def test_another_experiment_is_refused_as_in_a_folder(url, capsys):
 @pytest.mark.parametrize("moment", ["before", "after"])
 def test_of_two_experiments_that_are_published_at_once_one_waits(url, is_whole, monkeypatch, moment):
     """Which looks for others before its mark is there, or after."""
-    publishing, other = places.Store._publishing, TINY.model_copy(update={"seed": 1})
+    publishing, other = store.Store._publishing, TINY.model_copy(update={"seed": 1})
 
-    def meeting(store):
-        monkeypatch.setattr(places.Store, "_publishing", publishing)
-        found = publishing(store) if moment == "before" else None
+    def meeting(place):
+        monkeypatch.setattr(store.Store, "_publishing", publishing)
+        found = publishing(place) if moment == "before" else None
         with monkeypatch.context() as patched:
             patched.setattr(Build, "_other_run", lambda build: None)  # it has begun before there were shards
             with pytest.raises(BusyError, match=r"there: another run is being published here, or was until"):
                 ibdata.generate(other, url, workers=1)
-        return publishing(store) if found is None else found
+        return publishing(place) if found is None else found
 
-    gather = places.Store.gather
+    gather = store.Store.gather
 
     def gathering(*args):
-        monkeypatch.setattr(places.Store, "gather", gather)
-        monkeypatch.setattr(places.Store, "_publishing", meeting)
+        monkeypatch.setattr(store.Store, "gather", gather)
+        monkeypatch.setattr(store.Store, "_publishing", meeting)
         gather(*args)
 
-    monkeypatch.setattr(places.Store, "gather", gathering)
+    monkeypatch.setattr(store.Store, "gather", gathering)
     four_shards_at(url)
     assert Path("there", manifest.PATH).exists()
     with pytest.raises(UsageError, match="the dataset of another experiment"):
@@ -265,19 +266,19 @@ def test_a_run_that_another_host_has_finished_is_finished(url, is_whole, monkeyp
 
 def test_a_run_that_ends_while_somebody_looks_is_a_dataset(url, is_whole, monkeypatch):
     """Its shards were there at the first look, and its mark is gone at the next."""
-    publishing = places.Store._publishing
+    publishing = store.Store._publishing
 
-    def ending(store):
-        monkeypatch.setattr(places.Store, "_publishing", publishing)
+    def ending(place):
+        monkeypatch.setattr(store.Store, "_publishing", publishing)
         four_shards_at(url)
-        return publishing(store)
+        return publishing(place)
 
     with monkeypatch.context() as patched:
-        patched.setattr(places.Store, "appear", lambda *args: interrupt())
+        patched.setattr(store.Store, "appear", lambda *args: interrupt())
         with pytest.raises(IbdataError, match="connection lost"):
             four_shards_at(url)
-    monkeypatch.setattr(places.Store, "_publishing", ending)
-    place = places.place_at(url)
+    monkeypatch.setattr(store.Store, "_publishing", ending)
+    place = place_at(url)
     place.found()
     assert place.size_of(manifest.PATH)
     assert is_whole()
@@ -348,7 +349,7 @@ def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole):
     with pytest.raises(UsageError, match="there: not a dataset of ibdata, left as it is; move it away"):
         four_shards_at(url)
     Path("there/notes.txt").unlink()
-    gather = places.Store.gather
+    gather = store.Store.gather
 
     def meeting(*args):
         Path("there/data").mkdir(parents=True)
@@ -357,7 +358,7 @@ def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole):
         gather(*args)
 
     with monkeypatch.context() as patched:
-        patched.setattr(places.Store, "gather", meeting)
+        patched.setattr(store.Store, "gather", meeting)
         with pytest.raises(
             UsageError, match=r"there/notes.txt: found a file that is not the dataset's; move"
         ):
@@ -369,7 +370,7 @@ def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole):
 
 
 def test_a_signal_stops_between_two_shards(url, monkeypatch, is_whole):
-    add, made = places.StoreRun.add, []
+    add, made = runs.StoreRun.add, []
 
     def stopping(*args):
         made.append(1)
@@ -378,7 +379,7 @@ def test_a_signal_stops_between_two_shards(url, monkeypatch, is_whole):
         return add(*args)
 
     with monkeypatch.context() as patched:
-        patched.setattr(places.StoreRun, "add", stopping)
+        patched.setattr(runs.StoreRun, "add", stopping)
         patched.setattr(workers, "MOST_THREADS", 1)
         with pytest.raises(Interrupted, match=r"; 2 shards are finished; the same command goes on$"):
             four_shards_at(url)
@@ -402,13 +403,13 @@ def test_a_run_is_removed_though_that_was_cut_short(url, is_whole, monkeypatch):
 
 
 def test_a_signal_does_not_stop_what_is_published(url, is_whole, monkeypatch):
-    remove = places.StoreRun.remove
+    remove = runs.StoreRun.remove
 
     def stopping(run):
         os.kill(os.getpid(), signal.SIGTERM)
         remove(run)
 
-    monkeypatch.setattr(places.StoreRun, "remove", stopping)
+    monkeypatch.setattr(runs.StoreRun, "remove", stopping)
     four_shards_at(url)
     assert is_whole()
 
@@ -430,7 +431,7 @@ def test_what_a_url_cannot_do_is_refused(url, tmp_path):
 
 def test_what_an_older_version_kept_for_uploads_goes(url, tmp_path, monkeypatch, capsys):
     """It lay in the cache, where nobody looks for gigabytes."""
-    monkeypatch.setattr(places, "cache_folders", lambda: CacheFolders((str(tmp_path / "cache"),), True))
+    monkeypatch.setattr(store, "cache_folders", lambda: CacheFolders((str(tmp_path / "cache"),), True))
     kept, own = tmp_path / "cache/uploads" / ("0" * 24) / "dataset", tmp_path / "cache/uploads/thesis.txt"
     kept.mkdir(parents=True)
     own.touch()
