@@ -13,6 +13,7 @@ from ibdata._simulation.carry import begin
 from ibdata._simulation.episodes import Episodes, Float32s, Floats, Ints, Table, draw_uniforms
 from ibdata._simulation.replay import replay
 from ibdata._simulation.unroll import LANES, Block, unroll
+from ibdata._system.progress import Advance, unseen
 from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
 from ibdata.policies import OBSERVATION
@@ -47,8 +48,16 @@ class TableBuffer:
         return self._bytes[:size].view(dtype).reshape(shape)
 
 
-def rollout(experiment: Experiment, first: int, stop: int, memory: TableBuffer | None = None) -> Columns:
+def rollout(
+    experiment: Experiment,
+    first: int,
+    stop: int,
+    memory: TableBuffer | None = None,
+    advance: Advance = unseen,
+) -> Columns:
     """Simulate episodes first … stop - 1 of a dataset into a table in the given memory.
+
+    `advance` is called after some steps of some episodes with their rows.
 
     Raises PolicyError for an action that is not valid. It names policy, episode and step.
     """
@@ -61,6 +70,7 @@ def rollout(experiment: Experiment, first: int, stop: int, memory: TableBuffer |
         for block in unroll(episodes, begin(episodes), float_layout.rows, steps, densities=True):
             write_columns(block, float_layout, table, (start - first) * steps, steps)
             clipped += block.clipped
+            advance((end - start) * len(block.actions))
     if experiment.output.expert_action:
         rows = table.reshape(len(table), stop - first, steps).transpose(1, 2, 0)
         acted = rows[..., float_layout.first_action :][..., :3]

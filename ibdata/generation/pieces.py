@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata._system.progress import Advance, unseen
 from ibdata.dataset.digest import Values, episode_digests, text
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
@@ -72,11 +73,13 @@ class Piece(NamedTuple):
         return episode_digests(found, [self.experiment.steps] * (self.episodes.stop - self.episodes.first))
 
 
-def simulated(spec: DatasetSpec, shard: Shard, memory: TableBuffer | None = None) -> Iterator[Piece]:
+def simulated(
+    spec: DatasetSpec, shard: Shard, memory: TableBuffer | None = None, advance: Advance = unseen
+) -> Iterator[Piece]:
     """Simulate a shard piece by piece. With `memory`, a piece is gone when the next one is made."""
     experiment = spec.experiments[shard.experiment]
     for first, stop in parts(experiment, shard.first, shard.stop):
-        floats = rollout(experiment, first, stop, memory)
+        floats = rollout(experiment, first, stop, memory, advance)
         yield Piece(experiment, shard._replace(first=first, stop=stop), floats)
         del floats  # so that it is not in memory beside the next
 

@@ -13,6 +13,7 @@ from ibdata._simulation.kernel import simulate
 from ibdata._system import processes
 from ibdata.errors import notice
 from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.generation.places import place_at
 from ibdata.policies.network import Network
 from ibdata.policies.signals import Multisine
 from ibdata.policies.user_object import UserObject
@@ -32,7 +33,7 @@ def interpret_few_rows(specs: Iterable[DatasetSpec], places: Iterable[Path | str
     # With the most rows that a burn-in simulates.
     rows = sum(e.episode_count * (e.steps + getattr(e.start, "steps", (0, 0))[1]) for e in all_of)
     slow = any(any(each.everywhere(kind)) for each in all_of for kind in SLOW)
-    if rows > FEW or slow or any(map(os.path.lexists, places)):
+    if rows > FEW or slow or any(place_at(place).found() for place in places):
         return
     with suppress(OSError), rows_before.open("ab") as file:  # a byte for a row
         if file.tell() + rows <= ENOUGH:

@@ -16,7 +16,7 @@ from ibdata._system.signals import check, held
 from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import TableBuffer
-from ibdata.generation.pieces import Piece, simulated
+from ibdata.generation.pieces import simulated
 from ibdata.generation.process import Process, Progress, Worker
 from ibdata.generation.shard import write_receipt, write_shard
 
@@ -101,7 +101,7 @@ def make_shards(
         shards: The shards to make.
         run: The run.
         workers: The number of processes; None chooses it by the work.
-        reach: Called after each piece of a shard, perhaps in another thread.
+        reach: Called while a shard is made, perhaps in another thread.
 
     Raises:
         IbdataError: A worker process ended, or a shard cannot be made.
@@ -173,7 +173,7 @@ def make_shard(
         run: The run.
         overlap: Whether to encode and summarize a piece in threads while the next is simulated.
         stopped: Set by another thread to end the work early, or None.
-        progress: Called after each piece.
+        progress: Called with the rows that are made so far, after some steps of some episodes.
 
     Raises:
         Stopped: `stopped` was set.
@@ -182,13 +182,14 @@ def make_shard(
     if not overlap:  # a piece is written before the next is simulated
         memory = _of_thread.memory = getattr(_of_thread, "memory", None) or TableBuffer()
 
-    def pieces() -> Iterator[Piece]:
-        for piece in simulated(spec, shard, memory):
-            if stopped is not None and stopped.is_set():
-                raise Stopped
-            rows = (piece.episodes.stop - shard.first) * piece.experiment.steps
-            yield piece
-            del piece  # so that it is not in memory beside the next
-            progress(rows)
+    made = 0
 
-    write_receipt(run, write_shard(spec, shard, pieces(), run, overlap))
+    def advance(rows: int) -> None:
+        nonlocal made
+        if stopped is not None and stopped.is_set():
+            raise Stopped
+        made += rows
+        progress(made)
+
+    pieces = simulated(spec, shard, memory, advance)
+    write_receipt(run, write_shard(spec, shard, pieces, run, overlap))

@@ -96,6 +96,8 @@ def test_a_command_warms_the_cache(first):
 def interprets(monkeypatch, tmp_path):
     """A function that tells whether a first command would interpret an experiment, and what it has said."""
     asked = []
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there/file").touch()
     monkeypatch.setattr(processes, "purpose", "command")
     monkeypatch.setattr(small_work, "uncompiled", lambda function: tmp_path / "rows")
     monkeypatch.setattr(small_work, "interpret", lambda: asked.append(1))
@@ -120,7 +122,7 @@ def interprets(monkeypatch, tmp_path):
         ({"policies": ["random", {"kind": "network", "file": "all-1"}]}, False),
         ({"policies": [{"kind": "epsilon_greedy", "base": "multisine", "epsilon": 0.5}]}, False),
         ({"policies": [lambda observations: observations[:, :3]]}, False),
-        ({"place": "."}, False),
+        ({"place": "there"}, False),
     ],
     ids=["few", "many", "burn-in", "network", "multisine", "custom", "already there"],
 )
