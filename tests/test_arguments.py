@@ -183,6 +183,11 @@ def test_many_numbers_take_no_call_for_each(kind):
     assert calls["call"] < 1000
 
 
-def test_a_missing_argument_is_python_s_own_error():
-    with pytest.raises(TypeError, match="missing 1 required positional argument: 'config'"):
-        ibdata.generate()
+def test_an_argument_that_is_missing_or_has_no_name_is_refused_with_all_names(tmp_path):
+    """Python's own error does not say which may go without a name."""
+    form = r"expected merge\(folders, out\)$"
+    with pytest.raises(TypeError, match=f"^merge: missing a required argument: 'out'; {form}"):
+        ibdata.merge([])
+    line = r"^export: too many positional arguments; expected export\(dataset, to, out, split=…, history=…, "
+    with pytest.raises(UsageError, match=line):
+        ibdata.export("data/x", "npz", "x.npz", "train")

@@ -39,7 +39,7 @@ WRONG = object()  # in place of a value of another type
 def public(
     function: Callable[P, R], keys: Iterable[str] = (), unknown: str = "no such option"
 ) -> Callable[P, R]:
-    """Check the arguments of each call: ArgumentError for an unknown name, or a type that is not annotated.
+    """Check the arguments of each call: ArgumentError for an unknown or a missing one, or another type.
 
     Ctrl-C then waits for imports.
 
@@ -50,6 +50,9 @@ def public(
     The argument `overrides` of the function, if it has one, takes the keys. `unknown` is what is said of an
     unknown name, which may stand in it as {}.
     """
+    signature = inspect.signature(function)
+    parameters = [parameter for parameter in signature.parameters.values() if parameter.name != "self"]
+    form = ", ".join(f"{x.name}=…" if x.kind == x.KEYWORD_ONLY else x.name for x in parameters)
 
     @wraps(function)
     def checked(*args: P.args, **options: P.kwargs) -> R:
@@ -59,6 +62,12 @@ def public(
                 raise ArgumentError(f"{name}: {unknown.format(name)}{_meant(name, value, types, keys)}")
         given = [_taken(name, value, types[name]) for name, value in zip(types, args, strict=False)]
         named = {name: _taken(name, value, types.get(name, Any)) for name, value in options.items()}
+        try:
+            signature.bind(*args, **options)
+        except TypeError as error:
+            raise ArgumentError(
+                f"{function.__name__}: {error}; expected {function.__name__}({form})"
+            ) from None
         with whole_imports():
             return function(*given, *args[len(given) :], **named)  # type: ignore[arg-type]  # checked above
 
