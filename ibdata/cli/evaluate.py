@@ -54,9 +54,9 @@ def _refuse_beside(option: str, *allowed: str) -> None:
 
 def _kinds(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """The kinds of policies that begin as the incomplete word does."""
-    from ibdata.policies import POLICIES
+    from ibdata.policies import NAMED
 
-    return [CompletionItem(kind) for kind in POLICIES if kind.startswith(incomplete)]
+    return [CompletionItem(kind) for kind in NAMED if kind.startswith(incomplete)]
 
 
 @click.command("evaluate")

@@ -21,7 +21,7 @@ from ibdata.experiment import load
 from ibdata.experiment.messages import refusals, shown
 from ibdata.experiment.scenario import Scenario
 from ibdata.experiment.yaml import Document, StrictYamlError
-from ibdata.policies import OBSERVATION, POLICIES, AnyPolicy, Policy
+from ibdata.policies import NAMED, OBSERVATION, AnyPolicy, Policy
 from ibdata.policies.adapter import EXPECTED, has_needs
 from ibdata.policies.base import SETPOINT
 from ibdata.policies.checked import EPISODES, histories, played
@@ -166,7 +166,7 @@ def _policy_of(argument: Any, history: int) -> tuple[Policy, bool]:
 
 def _named(name: str | os.PathLike[str]) -> Policy:
     text = os.path.expanduser(name)
-    if text in POLICIES:
+    if text in NAMED:
         return block_policy({"kind": text}, f"policy {text}")
     if text.endswith(SUFFIX) and "{" not in text:
         return block_policy({"kind": "network", "file": text}, f"policy {name}").labelled(Path(text).stem)
@@ -179,8 +179,8 @@ def _named(name: str | os.PathLike[str]) -> Policy:
     else:
         if os.path.isdir(text):
             raise UsageError(f"policy: found the folder {text}; ibdata info shows a dataset")
-        known = f"one of {', '.join(POLICIES)}, a block such as '{{kind: safe}}', or a file with one"
-        raise UsageError(f"policy: found {text!r}{suggestion(text, POLICIES) or f', expected {known}'}")
+        known = f"one of {', '.join(NAMED)}, a block such as '{{kind: safe}}', or a file with one"
+        raise UsageError(f"policy: found {text!r}{suggestion(text, NAMED) or f', expected {known}'}")
     try:
         block = Document(source).data
     except StrictYamlError as error:

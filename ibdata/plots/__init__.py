@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ibdata._numerics.arguments import public
 from ibdata._system.storage import local
-from ibdata.errors import OVERWRITE, IbdataError, UsageError, meant
+from ibdata.errors import OUT, OVERWRITE, IbdataError, UsageError, meant
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset, Place
@@ -106,8 +106,8 @@ def plot(
     paths = {name: folder / f"{name}.{form}" for name in _of(shown)}
     for path in paths.values():
         if os.path.lexists(path) and (path.is_dir() or not overwrite):
-            todo = "another name" if path.is_dir() else f"another name, or {OVERWRITE}"
-            raise UsageError(f"{path}: exists already; choose {todo}")
+            todo = OUT if path.is_dir() else f"{OUT}, or {OVERWRITE} to replace it"
+            raise UsageError(f"{path}: exists already; choose another {todo}")
         refuse_inside(path)
     for name, data in drawn(shown, form, progress).items():
         try:

@@ -44,6 +44,8 @@ POLICIES.update(
     )
 )
 
+NAMED = tuple(kind for kind in POLICIES if kind != "live")  # by a text; Python makes the other of an object
+
 
 def _plain_default(field: FieldInfo) -> Any:
     """The default of an option as JSON holds it; None where there is none."""
@@ -74,6 +76,7 @@ def described() -> list[dict[str, Any]]:
 
 
 __all__ = [
+    "NAMED",
     "OBSERVATION",
     "POLICIES",
     "AnyPolicy",

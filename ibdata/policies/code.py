@@ -119,11 +119,11 @@ def located(name: str, what: str, places: Places) -> Path:
     if not files:
         named = printable(" or ".join(map(str, paths)))
         raise UsageError(
-            f"{what}: found no file {printable(name)!r}, expected it beside the experiment's YAML file or in "
+            f"{what}found no file {printable(name)!r}, expected it beside the experiment's YAML file or in "
             f"the current folder: {named}; copy it there, or go to the folder in which it is"
         )
     if len(files) > 1 and not filecmp.cmp(files[0], files[1], shallow=False):
-        raise UsageError(f"{what}: found {files[0]} and {files[1]}, which differ; remove one")
+        raise UsageError(f"{what}found {files[0]} and {files[1]}, which differ; remove one")
     return files[0]
 
 

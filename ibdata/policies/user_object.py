@@ -257,10 +257,15 @@ class Custom(UserObject):
     @model_validator(mode="wrap")
     @classmethod
     def _of_file(cls, data: Any, handler: ModelWrapValidatorHandler[Custom], info: ValidationInfo) -> Custom:
-        """Keep the folder of a block; a policy that is given has its own."""
+        """Keep the folder of a block, beside which its file must be; a policy that is given has its own."""
         policy = handler(data)
         if not isinstance(data, Policy):
-            policy._folder = (info.context or {}).get("folder")
+            policy._folder = folder = (info.context or {}).get("folder")
+            if folder is not None and policy.source.endswith(".py"):
+                try:
+                    located(policy.source, "", two_places(Path.cwd(), folder))
+                except UsageError as error:
+                    raise Problems([(("target",), str(error))]) from None
         return policy
 
     @property
@@ -279,7 +284,7 @@ class Custom(UserObject):
 
     def files_used(self) -> dict[str, Path]:
         """The paths of the declared files by their names. Raises UsageError if one is not found."""
-        return {name: located(name, f"{self.target}: files", self._places) for name in self.files or ()}
+        return {name: located(name, f"{self.target}: files: ", self._places) for name in self.files or ()}
 
     @property
     def source(self) -> str:
@@ -292,7 +297,7 @@ class Custom(UserObject):
 
     def file(self) -> Path | None:
         """The file that the target names, or None if it names a module. UsageError if it is not found."""
-        return located(self.source, self.target, self._places) if self.source.endswith(".py") else None
+        return located(self.source, f"{self.target}: ", self._places) if self.source.endswith(".py") else None
 
     def _made(self, acting: Acting) -> Any:
         self._places = two_places(acting.folder, self._folder)

@@ -41,7 +41,7 @@ def test_the_command_draws_what_python_draws(ibdata, merged, tmp_path):
     (tmp_path / "figures" / "both" / "traces.png").write_text("mine")
     refused = ibdata("plot", str(merged.path))
     assert (refused.returncode, refused.stdout) == (2, "")
-    expected = "exists already; choose another name, or --overwrite"
+    expected = "exists already; choose another --out, or --overwrite to replace it"
     assert refused.stderr == f"figures/both/traces.png: {expected}\n"
     assert os.listdir(tmp_path / "figures" / "both") == ["traces.png"]
     done = ibdata("plot", str(merged.path), "--overwrite")
@@ -68,7 +68,7 @@ def test_links_and_folders_in_the_way_are_not_replaced(merged, tmp_path):
     with pytest.raises(UsageError, match="exists already"):
         plot(merged, tmp_path)
     (tmp_path / "splits.png").mkdir()
-    with pytest.raises(UsageError, match=r"splits\.png: exists already; choose another name$"):
+    with pytest.raises(UsageError, match=r"splits\.png: exists already; choose another out$"):
         plot(merged, tmp_path, overwrite=True)
 
 
