@@ -20,7 +20,7 @@ from ibdata.dataset.returns import Returns, behaviour_returns
 from ibdata.dataset.selection import Limits, Numbers, Policy, Setpoint, Split, in_splits, meeting
 from ibdata.dataset.splits import Splits, with_later
 from ibdata.dataset.stored import Mask, Stored
-from ibdata.dataset.tabular import ColumnStatistics, Table, as_html
+from ibdata.dataset.tabular import ColumnStatistics, Described, Table, as_html
 from ibdata.errors import DatasetError, IbdataError, UsageError, printable
 
 if TYPE_CHECKING:
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 Some = TypeVar("Some", bound="Episodes")
 BLOCK_ROWS = 65_536
+
+# What few look at, after what an episode is.
+PLACED = ("cell", "index", "shard", "row_start", "row_stop", "digest")
 
 
 class Episodes:
@@ -107,9 +110,9 @@ class Episodes:
         return self.stored.manifest.content_root
 
     @cached_property
-    def info(self) -> dict[str, Any]:
+    def info(self) -> Described:
         """meta/dataset.json: columns with roles, units and bounds; counts of the whole dataset."""
-        return self.stored.info.plain()
+        return Described(self.stored.info.plain())
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
@@ -136,9 +139,10 @@ class Episodes:
     @property
     @public
     def episodes(self) -> pd.DataFrame:
-        """One row per episode: cell, index, setpoint, policy, splits, length, return, place of its rows."""
+        """One row per episode: setpoint, policy, splits, length, return; cell, index, place of its rows."""
         table = with_later(self.stored.episodes, self.stored.splits)
-        frame: pd.DataFrame = table.to_pandas(ignore_metadata=True)
+        names = sorted(table.column_names, key=PLACED.__contains__)
+        frame: pd.DataFrame = table.select(names).to_pandas(ignore_metadata=True)
         return frame if self.mask is None else frame[self.mask]
 
     @public

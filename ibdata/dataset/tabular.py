@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 60  # that are shown of a table
 WIDTH = 80  # of a terminal
+COLUMN = ("name", "dtype", "unit", "description")  # what is shown of a dataset's columns
 MOST_VALUES = 10  # that are shown of a list
 
 
@@ -87,6 +88,16 @@ class ColumnStatistics(Tabular, dict[str, Any]):
     def plain(self) -> dict[str, Any]:
         """The statistics as plain data for JSON."""
         return {"columns": dict(self)}
+
+
+class Described(Tabular, dict[str, Any]):
+    """What meta/dataset.json says: a dict that shows as tables."""
+
+    def tables(self) -> list[Table]:
+        """What is said of the dataset, and a row for each column."""
+        said = [(name, value) for name, value in self.items() if name not in ("counts", "columns")]
+        columns = [[column[key] for key in COLUMN] for column in self["columns"]]
+        return [Table(("", "dataset"), [*said, *self["counts"].items()]), Table(COLUMN, columns)]
 
 
 def as_text(table: Table) -> str:

@@ -168,7 +168,9 @@ def _trained() -> pd.DataFrame:
             result = evaluated.model_dump(exclude={"seed"})
             rows.append({**run, **result, "returns": evaluated.values, **training})
     measures = ("mean_return", "standard_error", "p10")
-    return pd.DataFrame(rows).astype({"seed": "Int64", **dict.fromkeys(measures, "float64")})
+    frame = pd.DataFrame(rows).astype({"seed": "Int64", **dict.fromkeys(measures, "float64")})
+    names = sorted(frame.columns, key=lambda name: name not in {*RUN, "setpoint", *measures})
+    return frame[names]  # a notebook leaves out those in the middle
 
 
 def _beside_published() -> pd.DataFrame:

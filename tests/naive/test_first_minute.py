@@ -1,6 +1,7 @@
 """What people do with their first commands, which make few rows in plain Python while nothing is compiled."""
 
 import fcntl
+import json
 import os
 import signal
 import struct
@@ -13,6 +14,7 @@ import pytest
 import ibdata
 from ibdata._system import processes
 from ibdata.cli import cli
+from ibdata.errors import UsageError
 from ibdata.generation import small_work
 
 MINE = "name: mine\nsetpoints: [20, 70]\npolicies: [random, safe]\nepisodes: 2\nsteps: 10\n"
@@ -98,6 +100,40 @@ def test_a_first_call_in_a_notebook_compiles(commands, monkeypatch, capsys):
     ibdata.generate("mine.yaml")
     assert not Path("rows").exists()
     assert "plain Python" not in capsys.readouterr().err
+
+
+def test_a_file_of_a_policy_is_missing(commands):
+    """That is said with the others' faults and its place in the file, and before consent to its code."""
+    Path("mine.yaml").write_text(MINE.replace("safe", "{kind: custom, target: 'own.py:Mine'}"))
+    with pytest.raises(
+        UsageError, match=r"^mine\.yaml:3:43: policies\.1\.target: found no file 'own\.py', exp"
+    ):
+        commands("generate mine.yaml")
+    Path("own.py").touch()
+    with pytest.raises(UsageError, match=r"(--allow-code|allow_code=True) if you trust it"):
+        commands("generate mine.yaml")
+
+
+def test_an_object_s_kind_is_no_kind_to_name():
+    """`live` is what ibdata calls an object in a record, so no list of kinds has it."""
+    for name in ("live", "liv"):
+        with pytest.raises(UsageError, match=f"found '{name}', expected one of bad, .* gaussian, mediocre, "):
+            ibdata.evaluate(name)
+
+
+def test_what_a_first_cell_shows_is_a_page(tmp_path):
+    """`ds.info` is a dict that shows as tables; a return stands near a row's beginning."""
+    more = {"dynamics": {"base": "paper", "eta_mean": 0.3}, "start": {"burn_in": [1, 2]}}
+    plain = {"name": "x", "setpoints": 50, "policies": ["safe"], "steps": 3, **more}
+    ds = ibdata.generate(plain, tmp_path / "x")
+    page = repr(ds.info).splitlines()
+    assert len(page) < 60
+    assert {"rows 3", "episodes 1"} < {" ".join(line.split()) for line in page}
+    assert any("eta_mean" in line for line in page)
+    assert ds.info._repr_html_().count("<table>") == 2
+    assert json.loads(json.dumps(ds.info)) == json.loads((ds.path / "meta/dataset.json").read_bytes())
+    assert [*ds.episodes][:7] == ["episode", "setpoint", "policy", "acting", "splits", "length", "return"]
+    assert "mean_return" in [*ibdata.baselines()][:10]  # of which pandas shows the first and the last ten
 
 
 @pytest.fixture
