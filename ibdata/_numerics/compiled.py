@@ -15,6 +15,7 @@ find no such file.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import os
 import sys
@@ -246,7 +247,10 @@ def inlined(function: F) -> F:
 def uncompiled(function: Callable[..., object]) -> Path | None:
     """Where to count what a function does in plain Python; None if its code is kept, or never compiled."""
     name, folders = f"{function.__name__}-{_hash(function.__module__)[:16]}", cache_folders().folders
-    is_kept = any(any(Path(folder, "numba").glob(f"{name}.*.nbc")) for folder in folders)
+    # which finds nothing in a folder of another user, where pathlib raises
+    is_kept = any(
+        glob.glob(os.path.join(glob.escape(folder), "numba", f"{name}.*.nbc")) for folder in folders
+    )
     return (
         Path(folders[-1], f"{name}.rows")
         if isinstance(function, Dispatcher) and folders and not is_kept

@@ -18,7 +18,7 @@ from ibdata._system.files import file_sha256
 from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
 from ibdata.errors import ALLOW_CODE, UsageError, printable
-from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
+from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies.code import OTHERS, file_of, is_of_user, refuse_within_itself, two_places
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 
@@ -46,7 +46,7 @@ def require_consent(spec: DatasetSpec, where: str | Path, allow_code: bool, agai
 
 def consented_spec(stored: Stored, allow_code: bool) -> DatasetSpec:
     """Read the specification of a dataset whose episodes are made again, after `require_consent`."""
-    spec = declared_spec(stored)
+    spec = spec_in(stored)
     require_consent(spec, stored.name, allow_code, again=True)
     return spec
 
