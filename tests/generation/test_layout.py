@@ -72,7 +72,7 @@ def test_info_describes_counts_and_columns(dataset):
 def test_episodes_parquet_is_what_the_rows_say(either, plain_digests):
     rows = either.episodes
     assert list(rows.columns) == [
-        "episode", "cell", "index", "setpoint", "policy", "acting", "splits", "length", "return", "shard",
+        "episode", "setpoint", "policy", "acting", "splits", "length", "return", "cell", "index", "shard",
         "row_start", "row_stop", "digest",
     ]  # fmt: skip
     experiment = ibdata.load(either.path / "meta/experiment.yaml")
