@@ -207,13 +207,13 @@ def test_the_snippet_of_hugging_face(use_with):
 
 KEPT = """
 import numpy as np
-rows = {"polars": by_polars, "duckdb": by_duckdb, "daft": by_daft, "ray": by_ray}
+rows = {"polars": by_polars, "duckdb": by_duckdb, "ray": by_ray}
 np.savez("read.npz", **{name: np.asarray(found["reward"]) for name, found in rows.items()})
 """
 
 
 def test_the_snippet_of_the_page_reads_a_bucket(bucket, monkeypatch):
-    """The server here answers without TLS, which polars must be told. Daft would use a Ray that runs."""
+    """The server here answers without TLS, which polars must be told."""
     monkeypatch.setenv("AWS_ALLOW_HTTP", "true")
     boto3.client("s3").create_bucket(Bucket="my-bucket")
     made = ibdata.generate("safe", "s3://my-bucket/safe", overrides=["output.shard_rows=2000"])
@@ -221,6 +221,6 @@ def test_the_snippet_of_the_page_reads_a_bucket(bucket, monkeypatch):
     subprocess.run([sys.executable, "-c", blocks(page, "python")[0] + KEPT], check=True, timeout=300)
     expected = np.sort(made.table(["reward"])["reward"].to_numpy()).tobytes()
     found = np.load("read.npz")
-    assert len(found.files) == 4
+    assert len(found.files) == 3
     for reader in found.files:
         assert np.sort(found[reader]).tobytes() == expected, reader
