@@ -57,7 +57,7 @@ def core(session: nox.Session, oldest: bool) -> None:
         versions = ["--constraint", str(pins)]
     tools = ["pytest", "pytest-xdist", "hypothesis", "jsonschema", "mpmath"]  # of dev, what the tests import
     session.install("--no-compile", *versions, "--editable", ".[readers,plot,hdf5,reference]", *tools)
-    arguments = session.posargs or ["-q", "-n", "auto", "--dist=loadfile"]
+    arguments = session.posargs or ["-q", "-n", "auto", "--max-worker-restart=0", "--dist=loadfile"]
     session.run("python", "-m", "pytest", *arguments, env=CLEAN)
 
 
