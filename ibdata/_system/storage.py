@@ -114,15 +114,16 @@ class Remote(Storage):
         self._given = self.url
         self._files, base = _file_system(self.url)
         self._base = base.rstrip("/")
-        if not self._base or {".", ".."} & {*self.parts} or "#" in url:
+        if not self._base:
             raise UsageError(
-                f"{printable(url)}: found no name in the URL, or . or .. or #, expected one such as "
-                "s3://bucket/name"
+                f"{printable(url)}: found no name in the URL, expected one such as s3://bucket/name"
             )
+        if {".", ".."} & {*self.parts} or "#" in url:
+            raise UsageError(f"{printable(url)}: found #, . or .. in the URL, expected the path without them")
 
     def __reduce__(self) -> tuple[type[Remote], tuple[str], dict[str, str]]:
-        here = {"url": self.url, "name": self.name, "_base": self._base}
-        return type(self), (self._given,), here  # a path may not be read from a URL twice
+        # Not from its own URL, whose path could be read in another way.
+        return type(self), (self._given,), {"url": self.url, "name": self.name, "_base": self._base}
 
     @property
     def path(self) -> Path:
@@ -204,8 +205,7 @@ class Remote(Storage):
 
     def _at(self, other: Callable[[str], str]) -> Remote:
         """The files at another path of the same file system."""
-        head, mark, query = self.url.partition("?")
-        found = copy(self)
+        found, (head, mark, query) = copy(self), self.url.partition("?")
         found.url, found._base = other(head.rstrip("/")) + mark + query, other(self._base)
         found.name = hidden(found.url)
         return found

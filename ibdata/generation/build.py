@@ -53,17 +53,18 @@ class Build:
         overwrite: bool = False,
         new: bool = False,
         record: Record | None = None,
-        replaces: str | None = OVERWRITE,
+        replaces: str = OVERWRITE,
     ) -> None:
         """Plan a dataset, with which `overwrite` replaces another one, and `new` refuses every other one.
 
-        Messages name the option that `replaces` what is in the way, if there is one.
+        Messages name the option that `replaces` what is in the way, where the place can be replaced.
         """
         self.spec, self._place = spec, place_at(place)
         self.name = self._place.name
         self._is_made = self._has_begun = False
         self._overwrite, self._new = overwrite, new
-        self._record, self._replaces = record, replaces if self._place.replaces else None
+        self._record = record
+        self._replaces = replaces if self._place.replaces and not new else None
 
     @classmethod
     def begun(cls, place: str | os.PathLike[str]) -> tuple[Build, Record] | None:
@@ -135,15 +136,15 @@ class Build:
 
     def begun_shards(self) -> int:
         """How many shards of this dataset are finished in the part, as far as the files of its code tell."""
-        return max((len(run.receipts()) for run in self._own_runs()), default=0)
+        return max((len(run.receipts()) for run, difference in self._runs() if difference is None), default=0)
 
-    def _own_runs(self) -> list[Run]:
-        return [run for run in manifest.unfinished(self._place.files) if self._difference(run) is None]
+    def _runs(self) -> list[tuple[Run, str | None]]:
+        """The unfinished runs in the part, and how each differs from this one."""
+        return [(run, self._difference(run)) for run in manifest.unfinished(self._place.files)]
 
     def _other_run(self) -> tuple[Run, str] | None:
         """A run in the part that is another one, and how it differs."""
-        runs = ((run, self._difference(run)) for run in manifest.unfinished(self._place.files))
-        return next(((run, difference) for run, difference in runs if difference), None)
+        return next(((run, difference) for run, difference in self._runs() if difference), None)
 
     def _difference(self, run: Run) -> str | None:
         """How a run in the part differs from this one, as far as is known; None if it may go on."""
@@ -157,7 +158,7 @@ class Build:
             ways.insert(0, "a machine like the first goes on with it")
         if self._replaces:
             ways.append(f"{self._replaces} to replace it")
-        if self._replaces or not self._place.replaces:
+        if not self._new:
             done, shards = manifest.progress(run)
             if done == shards:
                 ways.insert(0, f"ibdata finalize {self.name} finishes it")
@@ -182,7 +183,8 @@ class Build:
                 yield
             except BaseException as error:
                 if self._has_begun and self.spec.live:
-                    self._place.clear(self.run)  # nobody can go on with it
+                    with suppress(OSError):
+                        self._place.clear(self.run)  # nobody can go on with it
                 elif isinstance(error, Interrupted) and (done := self.finished):
                     shards = "1 shard is" if done == 1 else f"{done} shards are"
                     error.left = f"{shards} finished; the same command goes on"
@@ -190,7 +192,8 @@ class Build:
 
     def _begin(self, record: Record) -> None:
         """Begin the run, or go on with the one that is there; another one is refused or dropped."""
-        self.run = next(iter(self._own_runs()), self._place.new_run(record))
+        own = (run for run, difference in self._runs() if difference is None)
+        self.run = next(own, None) or self._place.new_run(record)
         if self._place.begin(self.run, record):
             return
         if difference := self._difference(self.run):

@@ -21,16 +21,7 @@ from ibdata._system.files import (
     sync_folder,
     write_new,
 )
-from ibdata._system.part import (
-    DATASET,
-    OLD,
-    RECEIPTS,
-    Part,
-    existing_paths,
-    locked_part,
-    resolved,
-    tidy,
-)
+from ibdata._system.part import DATASET, OLD, RECEIPTS, Part, existing_paths, locked_part, resolved, tidy
 from ibdata._system.runs import FolderRun, Run
 from ibdata._system.storage import Storage
 from ibdata.dataset import manifest
@@ -78,7 +69,7 @@ class Folder:
     def refuse_replacing(self, listed: Manifest) -> None:
         """Raise UsageError if more than a dataset is here, or if it may not be replaced."""
         folder = self._found or self._path
-        for path in foreign_files(folder, listed):
+        for path in _foreign_files(folder, listed):
             what = "folder" if path.is_dir() else "file"
             raise UsageError(f"{path}: found a {what} that is not the dataset's; move it away")
         for parent in (folder.parent, folder, folder / "data", folder / "meta"):
@@ -173,7 +164,7 @@ def _refuse_folder(path: Path, name: str) -> None:
         raise UsageError(f"{name}: {where} a file, not a folder; choose another {OUT}")
 
 
-def foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
+def _foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:
     """What is in a dataset's folder that is not the dataset's."""
     known = {*listed.entries(), manifest.PATH, manifest.SPLITS, manifest.CARD, manifest.REPORT}
     known |= {part_of(Path(path)).as_posix() for path in known}  # of a writer that was killed

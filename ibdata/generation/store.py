@@ -14,13 +14,11 @@ import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from functools import cached_property
 from pathlib import Path
 
 from ibdata._system.cache_folders import cache_folders
-from ibdata._system.part import (
-    existing_paths,
-    refusals,
-)
+from ibdata._system.part import existing_paths, refusals
 from ibdata._system.runs import Run, StoreRun, note_of, runs_at
 from ibdata._system.signals import ignore, stoppable
 from ibdata._system.storage import Remote, Storage
@@ -59,8 +57,14 @@ class Store:
         manifest.refuse_name(self.files.parts, self.name)
         if self.files.folder is not None:
             manifest.refuse_inside(self.files.folder)
-        if (around := self.files.around(manifest.PATH)) is not None:
-            raise UsageError(f"{self.name}: lies within the dataset {around}; choose a place outside of it")
+        if self._around is not None:
+            raise UsageError(
+                f"{self.name}: lies within the dataset {self._around}; choose a place outside of it"
+            )
+
+    @cached_property
+    def _around(self) -> str | None:
+        return self.files.around(manifest.PATH)
 
     def found(self) -> Storage | None:
         try:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from ibdata._numerics.naming import counted, exact, size
 from ibdata._system.part import RUN
-from ibdata._system.runs import FolderRun, Run, runs_at
+from ibdata._system.runs import FolderRun, Run
 from ibdata._system.storage import Remote, Storage, local, url_of
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
@@ -104,7 +104,7 @@ def datasets_in(folder: str | os.PathLike[str]) -> Listing:
 
 
 def _unfinished_at(files: Storage) -> list[Listed]:
-    return [_unfinished(run) for run in runs_at(files) if manifest.is_unfinished(run, files)]
+    return [_unfinished(run) for run in manifest.unfinished(files)]
 
 
 def _in_store(files: Remote) -> Iterator[Listed]:

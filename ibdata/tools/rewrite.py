@@ -44,7 +44,7 @@ def write_dataset(spec: DatasetSpec, source: Dataset, out: str | os.PathLike[str
         sources=[listed.content_root],
         clipped=listed.clipped_actions,
     )
-    build = Build(out, spec, new=True, record=record, replaces=None)
+    build = Build(out, spec, new=True, record=record)
     build.look()
     with build.open(record):
         for shard in build.missing():
