@@ -148,6 +148,6 @@ def runs_at(files: Storage) -> list[Run]:
     if not isinstance(files, Remote):
         part = Part(resolved(files.path))
         return [FolderRun(part.run)] if part.run.exists() else []
-    names = files.part.names("")
+    names = files.part.names("") if len(files.parts) > 1 else []  # nothing is beside a whole bucket
     runs = [StoreRun(files.part.below(name.rstrip("/"))) for name in names if name.endswith("/")]
     return [run for run in runs if run.files.size(NOTE) is not None]  # else it was removed in part

@@ -95,3 +95,15 @@ def test_the_array_job_of_the_page(bucket, command, tmp_path, monkeypatch):
     subprocess.run(["sh", "-ec", submit], check=True, timeout=300)
     whole = ibdata.generate("drifting", "whole", overrides=["output.shard_rows=5000"])
     assert ibdata.open("s3://my-bucket/array").content_root == whole.content_root
+
+
+def test_a_whole_bucket_is_listed(bucket, command):
+    """Its datasets and unfinished runs; there is no folder around it."""
+    generate(f"s3://{bucket}/x")
+    ibdata.generate(PLAIN, f"s3://{bucket}/y", workers=1, shards="1/2")
+    done = subprocess.run([command, "ls", f"s3://{bucket}"], capture_output=True, text=True, check=True)
+    rows = [line.split() for line in done.stdout.splitlines()[1:3]]
+    assert [(row[0].rpartition("/")[0] if "part" in row[0] else row[0]) for row in rows] == [
+        f"s3://{bucket}/.y.part",
+        f"s3://{bucket}/x",
+    ]
