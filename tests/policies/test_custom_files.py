@@ -69,7 +69,9 @@ def test_a_missing_file_is_expected_in_places_that_are_named(beside, tmp_path):
     here = f"{tmp_path}/code/own-policy.py; "
     with pytest.raises(UsageError, match=f"{line}{here}"):
         ibdata.reproduce("out", allow_code=True)
-    with pytest.raises(UsageError, match=f"{line}{tmp_path}/out/meta/code/own-policy.py or {here}"):
+    missing = r"policies\.0\.target: found no file 'code/own-policy\.py', expected it beside .*: "
+    named = rf"^out/meta/experiment\.yaml:\d+:\d+: {missing}"
+    with pytest.raises(UsageError, match=f"{named}{tmp_path}/out/meta/code/own-policy.py or {here}"):
         ibdata.generate("out/meta/experiment.yaml", "again", workers=1, allow_code=True)
     (tmp_path / "exp/code").rename("code")
     assert ibdata.reproduce("out", allow_code=True) == (2, [])
