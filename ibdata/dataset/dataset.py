@@ -17,8 +17,6 @@ from ibdata.dataset.digest import identity
 from ibdata.dataset.episodes import BLOCK_ROWS, Episodes, refuse_selection
 from ibdata.dataset.selection import (
     Columns,
-    Policy,
-    Setpoint,
     Split,
     checked_columns,
     checked_history,
@@ -74,8 +72,6 @@ class Dataset(Episodes):
         columns: Columns = None,
         split: Split = None,
         *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
         view: View = None,
     ) -> pa.Table:
         """The rows as an Arrow table.
@@ -83,18 +79,16 @@ class Dataset(Episodes):
         Args:
             columns: The names of the columns to read; by default all.
             split: Only rows of this split, or of these.
-            setpoint: Only rows at this setpoint, or at these; moving ones count by that in the experiment.
-            policy: Only rows of the policy with this label, or with these.
             view: The options of a view, a mapping of some of observe, actions, reward, reward_scale,
                 imperfections and cost (docs/views.md). The columns are then episode, step, those of the
                 frame, the actions, the reward, the cost, the flags, and `next_…` of the frame.
 
         Raises:
-            UsageError: The dataset has no such column, split, setpoint or policy, or no episode that meets
-                all conditions; or both columns and a view are given.
+            UsageError: The dataset has no such column or split, or the selection is empty; or both columns
+                and a view are given.
             DatasetError: A file is missing or damaged.
         """
-        chosen = self._chosen(split, setpoint, policy)
+        chosen = self._chosen(split)
         if view is None:
             return self.stored.rows_of(chosen.mask, checked_columns(columns, self.stored.info))
         refuse_columns(columns)
@@ -108,15 +102,13 @@ class Dataset(Episodes):
         columns: Columns = None,
         split: Split = None,
         *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
         view: View = None,
     ) -> pd.DataFrame:
         """The rows as a pandas DataFrame, whose index has their numbers in the dataset, from 0.
 
         Arguments and errors are those of `table`.
         """
-        chosen = self._chosen(split, setpoint, policy)
+        chosen = self._chosen(split)
         frame: pd.DataFrame = chosen.table(columns, view=view).to_pandas(ignore_metadata=True)
         if len(frame) < self.stored.manifest.rows:
             lengths = self.stored.episodes["length"].to_numpy()
@@ -165,8 +157,6 @@ class Dataset(Episodes):
         split: Split = None,
         batch_rows: int = 65_536,
         *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
         view: View = None,
     ) -> Iterator[pa.RecordBatch]:
         """The rows in order, at most `batch_rows` at a time, in constant memory.
@@ -176,7 +166,7 @@ class Dataset(Episodes):
         Raises UsageError if batch_rows is below 1.
         """
         batch_rows = min(checked_length(batch_rows, "batch_rows"), self.stored.manifest.rows)
-        chosen = self._chosen(split, setpoint, policy)
+        chosen = self._chosen(split)
         if view is None:
             names = checked_columns(columns, self.stored.info)
             return self.stored.batches_of(chosen.mask, names, batch_rows)
@@ -195,8 +185,6 @@ class Dataset(Episodes):
         pad: str = "repeat",
         columns: Sequence[str] = (),
         *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
         view: View = None,
     ) -> dict[str, npt.NDArray[Any]]:
         """The rows as the arrays that learning libraries take.
@@ -207,8 +195,6 @@ class Dataset(Episodes):
             split: As in `table`.
             pad: For rows with fewer frames before them, "repeat" the first, or "drop" these rows.
             columns: Further columns of the dataset, such as action_log_prob and policy.
-            setpoint: As in `table`.
-            policy: As in `table`.
             view: The options of a view, as in `table`.
 
         Returns:
@@ -224,7 +210,7 @@ class Dataset(Episodes):
         drop, options = checked_history(history, pad), view_of(view)
         more = checked_columns(columns, self.stored.info) if len(columns) else []
         names = list(dict.fromkeys([*needed(self.stored.info, options), *more]))
-        table = self.stored.rows_of(self._chosen(split, setpoint, policy).mask, names)
+        table = self.stored.rows_of(self._chosen(split).mask, names)
         return arrays_of(table, self.stored.info, options, history, drop, more)
 
     @public
@@ -235,8 +221,6 @@ class Dataset(Episodes):
         pad: str = "repeat",
         folder: str | os.PathLike[str] | None = None,
         *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
         view: View = None,
     ) -> Windows:
         """The rows as `arrays` gives them, in float32, but stacked only when they are asked for.
@@ -249,8 +233,6 @@ class Dataset(Episodes):
             pad: As in `arrays`.
             folder: A folder to keep the values in, which are then mapped and take no memory. It is made if it
                 does not exist; if it holds the same windows, they are used.
-            setpoint: As in `table`.
-            policy: As in `table`.
             view: As in `table`.
 
         Raises:
@@ -258,7 +240,7 @@ class Dataset(Episodes):
             DatasetError: A file is missing or damaged.
         """
         drop, options = checked_history(history, pad), view_of(view)
-        chosen = self._chosen(split, setpoint, policy)
+        chosen = self._chosen(split)
         blocks = chosen._transitions(options)
         lengths = chosen.episode_table["length"].to_numpy()
         kept = np.maximum(lengths - left_out(self.stored.info, options), 0)

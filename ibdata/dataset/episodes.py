@@ -231,9 +231,9 @@ class Episodes:
         names = [column.name for column in stored.info.columns if column.dtype.startswith("float")]
         return of_batches(stored.batches_of(self.mask, names, BLOCK_ROWS), names, len(self))
 
-    def _chosen(self: Some, split: Split = None, setpoint: Setpoint = None, policy: Policy = None) -> Some:
-        """A selection that is not empty. Raises UsageError if none of its episodes meets all conditions."""
-        chosen = self.select(split, setpoint=setpoint, policy=policy)
+    def _chosen(self: Some, split: Split = None) -> Some:
+        """The episodes of a split. Raises UsageError if there are none."""
+        chosen = self.select(split)
         refuse_empty(chosen)
         return chosen
 

@@ -70,13 +70,7 @@ class Quality(Tabular):
 
 
 @public
-def quality(
-    ds: Place,
-    split: str | Sequence[str] | None = None,
-    *,
-    setpoint: float | Sequence[float] | None = None,
-    policy: str | Sequence[str] | None = None,
-) -> Quality:
+def quality(ds: Place, split: str | Sequence[str] | None = None) -> Quality:
     """Measure the quality of a dataset for offline reinforcement learning, in one pass in bounded memory.
 
     Trajectory quality and state-action coverage are those of Schweighofer et al. 2022 (arXiv 2111.04714),
@@ -87,18 +81,16 @@ def quality(
     Args:
         ds: The dataset, its folder or URL, or a selection of its episodes.
         split: Only episodes of this split, or of these.
-        setpoint: Only episodes at this setpoint, or at these; moving ones count by that in the experiment.
-        policy: Only episodes of the policy with this label, or with these.
 
     Returns:
         The measures. The trajectory quality is None if ibdata has no reference returns for the dynamics,
         start, setpoint and length of all episodes; see `Dataset.returns`.
 
     Raises:
-        UsageError: The dataset has no such split, setpoint or policy, or no such episode.
+        UsageError: The dataset has no such split, or the selection is empty.
         DatasetError: A file is missing or damaged.
     """
-    selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
+    selection = opened(ds).select(split)
     names = ["obs_setpoint", *STEERINGS, *ACTIONS, DENSITY, "step", "terminated", "truncated"]
     batches, episodes = selection.iter_batches(names, batch_rows=BATCH_ROWS), selection.episode_table
     coverage, stochasticity, entropies = Coverage(), Stochasticity(), []

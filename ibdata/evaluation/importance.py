@@ -95,8 +95,6 @@ def importance(
     discount: float = 0.97,
     steps: int | None = None,
     split: str | Sequence[str] | None = None,
-    setpoint: float | Sequence[float] | None = None,
-    policy: str | Sequence[str] | None = None,
     history: int = 1,
     allow_code: bool = False,
 ) -> Importance:
@@ -125,8 +123,6 @@ def importance(
         discount: the discount factor γ, in [0, 1].
         steps: only so many first steps of each episode; by default all.
         split: only episodes of this split, or of these.
-        setpoint: only episodes at this setpoint, or at these; moving ones count by that in the experiment.
-        policy: only episodes of the policy with this label, or with these.
         history: the number of observations that an object sees, if it has no `needs`.
         allow_code: whether custom policies, of the data or in a file, may run.
 
@@ -142,7 +138,7 @@ def importance(
     """
     discount = checked_discount(discount)
     evaluated = as_policy(target, history, allow_code)
-    selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
+    selection = opened(ds).select(split)
     refuse_empty(selection)
     refuse_by_returns(selection)
     stored = selection.stored

@@ -62,13 +62,7 @@ class NoiseFloor(Tabular):
 
 
 @public
-def noise_floor(
-    ds: Place,
-    split: str | Sequence[str] | None = None,
-    *,
-    setpoint: float | Sequence[float] | None = None,
-    policy: str | Sequence[str] | None = None,
-) -> NoiseFloor:
+def noise_floor(ds: Place, split: str | Sequence[str] | None = None) -> NoiseFloor:
     """The least errors with which any model can predict the next fatigue and the next consumption.
 
     A perfect model knows the hidden state and the action of a row, but not the random numbers of the step.
@@ -84,19 +78,17 @@ def noise_floor(
     Args:
         ds: The dataset, its folder or URL, or a selection of its episodes.
         split: Only rows of this split, or of these.
-        setpoint: Only rows at this setpoint, or at these; moving ones count by that in the experiment.
-        policy: Only rows of the policy with this label, or with these.
 
     Returns:
         The root mean square errors and mean absolute errors, and the law of each row, in the order of
         `ds.to_pandas` with the same arguments.
 
     Raises:
-        UsageError: The dataset has no such split, setpoint or policy, or no such row; episodes were chosen
-            by their returns; or the dynamics have another `eta_squash` than the published ones.
+        UsageError: The dataset has no such split, or the selection is empty; episodes were chosen by their
+            returns; or the dynamics have another `eta_squash` than the published ones.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
+    selection = opened(ds).select(split)
     refuse_by_returns(selection)
     source = Source(selection.stored)
     names = ["episode", "step", *ACTIONS, "next_obs_setpoint"]
@@ -196,8 +188,6 @@ def score_model(
     *,
     steps: int | Sequence[int] = (1, 10),
     history: int = 1,
-    setpoint: float | Sequence[float] | None = None,
-    policy: str | Sequence[str] | None = None,
 ) -> ModelScores:
     """Score a world model on a dataset, beside the least errors that any model can have.
 
@@ -214,8 +204,6 @@ def score_model(
         split: Only rows of this split, or of these.
         steps: After how many steps predictions are scored: one number or several.
         history: The number of observations that the model sees.
-        setpoint: Only rows at this setpoint, or at these; moving ones count by that in the experiment.
-        policy: Only rows of the policy with this label, or with these.
 
     Returns:
         The scores for each number of steps, and the noise floor of the rows.
@@ -225,7 +213,7 @@ def score_model(
         PolicyError: The model returned no finite numbers of this shape.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    selection = opened(ds).select(split, setpoint=setpoint, policy=policy)
+    selection = opened(ds).select(split)
     horizons = np.unique(whole("steps", steps))
     if not horizons.size or horizons[0] < 1:
         raise UsageError(f"steps: found {steps}, expected whole numbers of at least 1")

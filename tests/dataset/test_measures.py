@@ -96,7 +96,7 @@ def explored(describe, tmp_path_factory):
 
 
 def test_random_actions_have_coverage_1_and_full_entropy_and_others_less(explored):
-    random, half, none = (ibdata.quality(explored, policy=name) for name in ("random", "half", "none"))
+    random, half, none = (ibdata.quality(explored.select(policy=name)) for name in ("random", "half", "none"))
     assert random.state_action_coverage == pytest.approx(1.0, abs=0.05)
     assert random.action_entropy == pytest.approx(3 * np.log(2), rel=1e-6)
     assert random.action_stochasticity == pytest.approx(1 / np.sqrt(3), abs=0.02)  # of U(-1, 1)
@@ -120,10 +120,10 @@ def test_the_pairs_are_those_of_all_rows_whatever_the_batches(explored, monkeypa
 
 
 def test_splits_and_selections_are_those_of_the_reader(dataset):
-    found = ibdata.quality(dataset, "source", setpoint=20, policy="calm")
+    found = ibdata.quality(dataset.select("source", setpoint=20, policy="calm"))
     assert (found.rows, found.episodes) == (120, 3)
     with pytest.raises(UsageError, match="no episode that meets all"):
-        ibdata.quality(dataset, "source", setpoint=70)
+        ibdata.quality(dataset.select("source", setpoint=70))
     with pytest.raises(UsageError, match="expected one of source, target"):
         ibdata.quality(dataset, "nope")
 

@@ -51,7 +51,7 @@ def test_statistics_of_a_column_say_of_how_many_rows_they_are(describe, made_at,
     policies = [lambda seen: seen[:, 1:4] / 100.0, {"kind": "random"}, {"kind": "safe"}]
     dataset = made_at(describe(policies=policies, output={"shard_rows": 40}), tmp_path / "made")
     assert ibdata.validate(dataset) == []
-    known = dataset.table(["action_log_prob"], policy=["random", "safe"])["action_log_prob"].to_numpy()
+    known = dataset.select(policy=["random", "safe"]).table(["action_log_prob"])["action_log_prob"].to_numpy()
     for columns in (dataset.statistics(), dataset.select(episodes=range(18)).statistics()):
         found = columns["action_log_prob"]
         assert (found["count"], found["min"], found["max"]) == (480, known.min(), known.max())

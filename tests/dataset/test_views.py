@@ -82,21 +82,22 @@ def test_previous_actions_are_of_the_row_before_or_zero(whole):
     ids=["markov", "troubles", "list"],
 )
 def test_arrays_batches_frames_and_windows_hold_the_same_values(request, which, selection, view):
-    dataset = request.getfixturevalue(which)
-    arrays = dataset.arrays(**selection, view=view)
-    batches = pa.Table.from_batches(list(dataset.iter_batches(batch_rows=7, **selection, view=view)))
+    whole = request.getfixturevalue(which)
+    dataset = whole.select(**selection)
+    arrays = dataset.arrays(view=view)
+    batches = pa.Table.from_batches(list(dataset.iter_batches(batch_rows=7, view=view)))
     frame = dataset.windows(view=view).frame
     for prefix, name in (("", "observations"), ("next_", "next_observations")):
         columns = [batches[f"{prefix}{column}"].to_numpy() for column in frame]
         assert (np.stack(columns, axis=1) == arrays[name]).all()
     for column, name in (("reward", "rewards"), ("truncated", "truncated"), ("episode", "episode")):
         assert (batches[column].to_numpy() == arrays[name]).all()
-    seen = dataset.to_pandas(**selection, view=view)
+    seen = dataset.to_pandas(view=view)
     assert (seen["reward"] == arrays["rewards"]).all()
-    assert dataset.to_pandas().loc[seen.index][["episode", "step"]].equals(seen[["episode", "step"]])
+    assert whole.to_pandas().loc[seen.index][["episode", "step"]].equals(seen[["episode", "step"]])
     for history, pad in ((1, "repeat"), (5, "drop"), (40, "repeat")):
-        stacked = dataset.arrays(history, pad=pad, **selection, view=view)
-        windows = dataset.windows(history, pad=pad, **selection, view=view)
+        stacked = dataset.arrays(history, pad=pad, view=view)
+        windows = dataset.windows(history, pad=pad, view=view)
         order = np.random.default_rng(0).permutation(len(windows))
         assert len(windows) == len(stacked["rewards"])
         for name, values in windows.batch(order).items():
@@ -105,7 +106,7 @@ def test_arrays_batches_frames_and_windows_hold_the_same_values(request, which, 
 
 def test_imperfections_are_the_same_in_a_selection(whole):
     every = whole.arrays(view={"imperfections": TROUBLES})
-    some = whole.arrays(view={"imperfections": TROUBLES}, policy="safe")
+    some = whole.select(policy="safe").arrays(view={"imperfections": TROUBLES})
     kept = np.isin(every["episode"], some["episode"])
     assert (every["observations"][kept] == some["observations"]).all()
     assert not (every["observations"][:, :6] == whole.arrays()["observations"]).all(axis=0)[[1, 4, 5]].any()

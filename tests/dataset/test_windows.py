@@ -77,9 +77,9 @@ def test_a_folder_does_not_serve_episodes_in_another_order(tmp_path):
         made.append(ibdata.generate(experiment, tmp_path / policies[0], workers=1))
     one, other = made
     assert one.content_root == other.content_root
-    one.windows(policy="random", folder=tmp_path / "windows")
+    one.select(policy="random").windows(folder=tmp_path / "windows")
     with pytest.raises(UsageError, match="windows holds something else"):
-        other.windows(policy="safe", folder=tmp_path / "windows")
+        other.select(policy="safe").windows(folder=tmp_path / "windows")
 
 
 VIEWED = {"split": "target", "view": {"observe": ["obs_gain"]}}
@@ -105,7 +105,7 @@ def test_a_pickle_is_the_folder_or_each_value_once(dataset, tmp_path, monkeypatc
             UsageError, match=r"^folder: .*windows is gone, expected .*; make the windows again$"
         ):
             pickle.loads(sent)
-        dataset.windows(folder=tmp_path / folder, policy="random")  # of other episodes
+        dataset.select(policy="random").windows(folder=tmp_path / folder)  # of other episodes
         with pytest.raises(UsageError, match=r"^folder: .*windows holds something else than these windows"):
             pickle.loads(sent)
 

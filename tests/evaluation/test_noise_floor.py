@@ -82,9 +82,9 @@ def test_an_almost_certain_fatigue_has_a_floor():
 
 
 def test_the_errors_are_means_over_the_rows_asked_for(dataset):
-    whole, part = noise_floor(dataset), noise_floor(dataset, "target", policy="calm")
+    whole, part = noise_floor(dataset), noise_floor(dataset.select("target", policy="calm"))
     frame = dataset.to_pandas()
-    own = dataset.to_pandas(split="target", policy="calm")
+    own = dataset.select("target", policy="calm").to_pandas()
     inside = frame["episode"].isin(own["episode"]).to_numpy()
     np.testing.assert_array_equal(part.mean, whole.mean[inside])
     fatigue, consumption = part.results
@@ -102,4 +102,4 @@ def test_unknown_laws_and_empty_selections_are_refused(describe, tmp_path, datas
     with pytest.raises(UsageError, match="found eta_squash"):
         noise_floor(made)
     with pytest.raises(UsageError, match="no episode that meets all"):
-        noise_floor(dataset, "source", setpoint=70)
+        noise_floor(dataset.select("source", setpoint=70))

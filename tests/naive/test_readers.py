@@ -153,7 +153,7 @@ def test_rows_in_pieces_are_the_rows(ds):
     whole = ds.table()
     for rows in (7, 7, 1000):
         assert pyarrow.Table.from_batches(ds.iter_batches(batch_rows=rows)).equals(whole)
-    parts = [ds.table(setpoint=p) for p in (ODD, 70)]
+    parts = [ds.select(setpoint=p).table() for p in (ODD, 70)]
     by_episode = pyarrow.concat_tables(parts).sort_by([("episode", "ascending"), ("step", "ascending")])
     assert by_episode["reward"].to_pylist() == whole["reward"].to_pylist()
 
@@ -187,7 +187,7 @@ def test_moving_setpoints_are_selected_by_their_first_value(tmp_path):
     """The setpoint of an episode is none of its rows'."""
     moving = made(tmp_path / "m", setpoints={"drifting": [30, 60]})
     assert moving.select(setpoint=30).episodes["setpoint"].unique().tolist() == [30]
-    assert moving.to_pandas(setpoint=30)["obs_setpoint"].nunique() > 1
+    assert moving.select(setpoint=30).to_pandas()["obs_setpoint"].nunique() > 1
 
 
 # Exports.

@@ -64,7 +64,7 @@ def test_several_opened_as_one_have_the_rows_of_the_merged_dataset(ds, merged):
     assert ds.info["counts"] == merged.info["counts"]
     for _ in range(2):
         assert ds.table().equals(merged.table())
-    assert ds.to_pandas(policy="safe").equals(merged.to_pandas(policy="safe"))
+    assert ds.select(policy="safe").to_pandas().equals(merged.select(policy="safe").to_pandas())
     assert ds.episodes.equals(merged.episodes)
     assert ds.head(3, at=(13, 5)).equals(merged.head(3, at=(13, 5)))
     assert repr(ds).endswith("a and 1 more: 480 rows, 24 episodes>")
@@ -187,15 +187,15 @@ def test_measures_are_those_of_the_merged_dataset(ds, merged):
     assert ds.statistics() == merged.statistics()
     assert ds.statistics("test") == merged.statistics("test")
     assert ibdata.quality(ds) == ibdata.quality(merged)
-    assert ibdata.quality(ds, policy="safe") == ibdata.quality(merged, policy="safe")
+    assert ibdata.quality(ds.select(policy="safe")) == ibdata.quality(merged.select(policy="safe"))
     assert ibdata.noise_floor(ds).plain() == ibdata.noise_floor(merged).plain()
-    found, expected = (ibdata.importance(x, "random", steps=3, policy="random") for x in (ds, merged))
+    found, expected = (ibdata.importance(x.select(policy="random"), "random", steps=3) for x in (ds, merged))
     assert found.plain() == expected.plain()
 
 
 def test_states_of_rows_and_episodes_are_those_of_their_dataset(ds, pair):
     """`state_at` of rows, and rollouts and true values from them."""
-    rows = ds.to_pandas(policy="expert").sample(4, random_state=0)
+    rows = ds.select(policy="expert").to_pandas().sample(4, random_state=0)
     state = ibdata.state_at(ds, rows)
     assert np.float32(state.fatigue).tolist() == rows["obs_fatigue"].tolist()
     assert ibdata.state_at(pair[1], (3, 7)).fatigue == ibdata.state_at(ds, (15, 7)).fatigue
@@ -261,7 +261,7 @@ def test_a_lost_file_is_named_by_its_place(tmp_path, pair):
     ds = ibdata.open([pair[0], b])
     with pytest.raises(DatasetError, match=rf"^{b}/data/part-.*: .*see ibdata validate"):
         ds.arrays()
-    assert len(ds.arrays(policy="random")["rewards"]) == 120
+    assert len(ds.select(policy="random").arrays()["rewards"]) == 120
 
 
 def test_urls_and_folders_are_opened_together(pair, ds, monkeypatch):
