@@ -15,10 +15,11 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats
 from ibdata.dynamics import SIEMENS, Noise, State, step
 from ibdata.dynamics.consumption import FATIGUE_WEIGHT, PENALTY_WEIGHT
 from ibdata.dynamics.setpoint import segment_rate
-from ibdata.dynamics.state import COSTS, NO_DRIFT, Floats
+from ibdata.dynamics.state import COSTS, NO_DRIFT
 from ibdata.dynamics.step import advance
 from ibdata.errors import UsageError, excerpt, missing
 from ibdata.views.variables import rows

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Float32s, Floats
 from ibdata.errors import PolicyError, UsageError
 from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.policies import OBSERVATION, Observed, Policy, checked
-from ibdata.policies.base import Float32s, Floats
 from ibdata.policies.checked import AnswerError, ask, raise_placed
 from ibdata.policies.compound import is_foreign
 from ibdata.policies.distributions import Distribution, applied

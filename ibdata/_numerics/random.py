@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.compiled import compiled, inlined
 from ibdata._numerics.exact import normal, normals
 
-Floats = npt.NDArray[np.float64]
 Raw = npt.NDArray[np.uint64]
 Word = np.uint64
 Words = Any  # a number, or in plain Python an array

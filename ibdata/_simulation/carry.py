@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
+from ibdata._numerics.arrays import Float32s, Floats, Ints
 from ibdata._numerics.random import Purpose, Raw
 from ibdata._simulation import kernel
-from ibdata._simulation.episodes import Draw, Episodes, Float32s, Ints, World, draw_uniforms, values_of
+from ibdata._simulation.episodes import Draw, Episodes, World, draw_uniforms, values_of
 from ibdata.dynamics import State, initial_state
-from ibdata.dynamics.state import Floats
 from ibdata.policies import Needs
 from ibdata.policies.distributions import clip_and_round
 from ibdata.views.options import BurnIn

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats, Ints
 from ibdata._numerics.random import Purpose, Raw, integers, slots, uniforms
 from ibdata.dynamics import State, Variant
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
@@ -17,9 +18,6 @@ from ibdata.policies import Policy
 from ibdata.views.options import ViewOptions
 from ibdata.views.variables import of_role, rows, variable_of
 
-Floats = npt.NDArray[np.float64]
-Float32s = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int64]
 # (lanes, purpose, step, steps, slots) -> the integers (steps, slots, lanes) of `steps` steps from `step` on.
 # A lane is the number of one of the episodes that are simulated side by side.
 Draw = Callable[[Ints, Purpose, int, int, int], Raw]

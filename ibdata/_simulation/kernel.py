@@ -7,18 +7,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Float32s, Floats, Ints
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.random import Raw
 from ibdata.dynamics import variants
 from ibdata.dynamics.noise import DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, standard_noise
-from ibdata.dynamics.state import Floats
 from ibdata.dynamics.step import advance
 from ibdata.policies.distributions import clipped_and_rounded
 from ibdata.views.variables import FIRST_WHOLE
 
-Float32s = npt.NDArray[np.float32]
 AnyFloats = npt.NDArray[np.floating[Any]]
-Ints = npt.NDArray[np.int64]
 
 
 named = compiled(variants.named)  # an array (22,) of numbers is faster to pass than a tuple, by 2 µs a call

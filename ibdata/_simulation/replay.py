@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ibdata._numerics.arrays import Float32s, Floats
 from ibdata._simulation.carry import begin
-from ibdata._simulation.episodes import Episodes, Float32s, Floats
+from ibdata._simulation.episodes import Episodes
 from ibdata._simulation.unroll import BLOCK, observed
 from ibdata.policies import Observed
 from ibdata.policies.checked import ask, raise_placed

@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ibdata._numerics.arrays import Float32s, Floats, Ints
 from ibdata._numerics.random import Purpose
 from ibdata._simulation.carry import Carry
-from ibdata._simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
+from ibdata._simulation.episodes import Episodes, draw_uniforms
 from ibdata.policies import Observed
 from ibdata.policies.checked import act, ask, raise_placed
 from ibdata.policies.distributions import read_only

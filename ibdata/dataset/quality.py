@@ -12,15 +12,13 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Floats, Ints
 from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.models import Info
 from ibdata.dataset.reference_returns import EXPERT, scale_of
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns, whole_episodes
 from ibdata.views.options import ACTIONS
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 STEERINGS = ("obs_velocity", "obs_gain", "obs_shift")
 DENSITY = "action_log_prob"

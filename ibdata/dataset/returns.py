@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata._numerics.arrays import Ints
 from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import decimal
 from ibdata.dataset.models import Info
 from ibdata.dataset.reference_returns import scale_of
 from ibdata.dataset.tabular import Table
 
-Ints = npt.NDArray[np.int64]
 Objects = npt.NDArray[np.object_]
 
 

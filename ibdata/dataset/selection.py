@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Ints
 from ibdata._numerics.naming import decimal, exact
 from ibdata.dataset.models import Info
 from ibdata.dataset.splits import runs_of
 from ibdata.dataset.stored import Mask, Stored
 from ibdata.errors import UsageError, excerpt, suggestion
-
-Ints = npt.NDArray[np.int64]
 
 
 def whole(what: str, value: Any) -> Ints:

@@ -7,13 +7,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata._numerics.arrays import Ints
 from ibdata.dataset.models import Manifest, SplitEntry
 from ibdata.dataset.tabular import Table, Tabular
-
-Ints = npt.NDArray[np.int64]
 
 
 class Splits(Tabular, dict[str, dict[str, Any]]):

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.compiled import compiled
 from ibdata.dataset.models import Quantile, Statistic
 
-Floats = npt.NDArray[np.float64]
 Matrix = npt.NDArray[Any]  # (columns, rows), float32 or float64
 
 SAMPLE_ROWS = 50_000  # of a dataset

@@ -7,17 +7,16 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ibdata._numerics.arrays import Array
 from ibdata.dataset.models import Info
 from ibdata.errors import DatasetError, UsageError
 from ibdata.views.imperfections import Measurement
 from ibdata.views.options import ACTIONS, ViewOptions
 from ibdata.views.rewards import scaled
 
-Array = npt.NDArray[Any]
 INDICES = ("episode", "step", "terminated", "truncated")
 EXPERT = tuple(f"expert_{name}" for name in ACTIONS)
 COSTS = ("obs_consumption", "obs_fatigue")  # of which rewards are made

@@ -13,14 +13,13 @@ import numpy as np
 import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ibdata._numerics.arrays import Array, Float32s
 from ibdata._system import files
 from ibdata._system.part import locked_part, resolved, tidy
 from ibdata.dataset.manifest import refuse_inside
 from ibdata.dataset.transitions import BESIDE, Transitions
 from ibdata.errors import UsageError
 
-Array = npt.NDArray[Any]
-Float32s = npt.NDArray[np.float32]
 DESCRIPTION = "windows.json"
 OF_EPISODES = ("frames", "lengths", "episodes")  # arrays that have no value for each row
 PATIENCE = 3600.0  # seconds to wait for another process that makes the same folder

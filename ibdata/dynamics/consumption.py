@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import exp
 
 Weights = tuple[float, float, float, float, float]
-Floats = npt.NDArray[np.float64]
 
 PENALTY_WEIGHT = 25.0
 FATIGUE_WEIGHT = 3.0

@@ -6,8 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import exponential, normals
 from ibdata._numerics.random import Raw, uniform
@@ -20,8 +20,6 @@ from ibdata.dynamics.fatigue import (
 )
 from ibdata.dynamics.variants import Parameters
 from ibdata.views.variables import AMPLIFICATION_START
-
-Floats = npt.NDArray[np.float64]
 
 DYNAMICS_SLOTS = 8  # random integers of a step
 DRIFT_SLOTS = 4  # further ones, of a moving setpoint

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats
 from ibdata.dynamics.consumption import PENALTY_WEIGHT
 from ibdata.dynamics.variants import VARIANTS, Variant
 from ibdata.views.variables import FIRST_WHOLE, ROWS, VARIABLES, of_role, rows
-
-Floats = npt.NDArray[np.float64]
 
 NO_DRIFT = -1  # the steps left of a constant setpoint
 (THETA,) = rows("theta_0")  # the first of the ten rows θ[t], θ[t-1] … θ[t-9]

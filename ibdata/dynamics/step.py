@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.compiled import inlined
 from ibdata.dynamics.consumption import (
     consumption,
@@ -31,7 +32,7 @@ from ibdata.dynamics.fatigue import (
 from ibdata.dynamics.miscalibration import effective_shift, penalty, update_direction
 from ibdata.dynamics.noise import NOISE_ROWS, Noise, checked_noise
 from ibdata.dynamics.setpoint import D_G, D_H, D_V, drift, steer
-from ibdata.dynamics.state import COSTS, NO_DRIFT, Floats, State, checked_state
+from ibdata.dynamics.state import COSTS, NO_DRIFT, State, checked_state
 from ibdata.dynamics.variants import Parameters, Variant, resolve
 from ibdata.views.variables import rows
 

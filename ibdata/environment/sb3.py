@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Bools, Float32s
 from ibdata.environment import STEPS
 from ibdata.environment.settings import Fixed
-from ibdata.environment.simulation import Float32s
 from ibdata.environment.streams import refuse_negative
-from ibdata.environment.vector import SAME_STEP, Flags, IndustrialBenchmarkVectorEnv
+from ibdata.environment.vector import SAME_STEP, IndustrialBenchmarkVectorEnv
 from ibdata.errors import UsageError, missing
 
 try:
@@ -69,7 +69,7 @@ class IndustrialBenchmarkVecEnv(Fixed, VecEnv):
         """Keep the actions of the next step."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[Float32s, npt.NDArray[np.float32], Flags, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[Float32s, npt.NDArray[np.float32], Bools, list[dict[str, Any]]]:
         """Make the step. Returns observations, rewards, whether the episodes ended (n,), and infos.
 
         Where an episode ended, the observation is the first of the next one; the info has the last one.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Float32s, Floats
 from ibdata._numerics.naming import counted
 from ibdata._numerics.random import Purpose, Raw
 from ibdata._simulation import kernel
@@ -26,8 +27,6 @@ from ibdata.views.rewards import scaled
 from ibdata.views.variables import FIRST_WHOLE, ROWS, VARIABLES, variable_of
 
 Indices = npt.NDArray[np.int64]
-Float32s = npt.NDArray[np.float32]
-Floats = npt.NDArray[np.float64]
 COSTS = [OBSERVATION.index("consumption"), OBSERVATION.index("fatigue")]
 REWARD = ROWS.index("reward")
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Bools, Float32s
 from ibdata._numerics.random import Raw
 from ibdata.dataset.selection import checked_length, within
 from ibdata.dynamics import State
@@ -16,7 +17,7 @@ from ibdata.environment import STEPS
 from ibdata.environment.actions import continuous_actions, discrete_actions
 from ibdata.environment.replayed import Replay
 from ibdata.environment.settings import Fixed, settings
-from ibdata.environment.simulation import Float32s, Indices, Simulation
+from ibdata.environment.simulation import Indices, Simulation
 from ibdata.environment.spaces import spaces
 from ibdata.environment.streams import Streams, refuse_negative
 from ibdata.errors import UsageError, excerpt
@@ -26,7 +27,6 @@ import gymnasium as gym  # isort: skip
 from gymnasium.vector.utils import batch_space  # isort: skip
 
 NEXT_STEP, SAME_STEP, DISABLED = MODES = ("NextStep", "SameStep", "Disabled")
-Flags = npt.NDArray[np.bool_]
 
 
 def _mode_of_gymnasium(mode: str) -> Any:
@@ -166,14 +166,14 @@ class IndustrialBenchmarkVectorEnv(Fixed, gym.vector.VectorEnv[Float32s, Float32
         """A copy of the exact states, of all lanes; `set_state` and `ibdata.rollouts` take it."""
         return self._simulation.carry.state.take(self._simulation.everyone)
 
-    def _mask(self, mask: Any) -> Flags:
+    def _mask(self, mask: Any) -> Bools:
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)
         fits = isinstance(mask, np.ndarray) and mask.dtype == bool and mask.shape == (self.num_envs,)
         if not fits or not mask.any():
             expected = f"a boolean array of shape ({self.num_envs},) that is true for some lane"
             raise UsageError(f"reset_mask: found {excerpt(mask)}, expected {expected}")
-        lanes: Flags = mask
+        lanes: Bools = mask
         return lanes
 
     def _begin(self, which: Indices) -> None:
@@ -187,7 +187,7 @@ class IndustrialBenchmarkVectorEnv(Fixed, gym.vector.VectorEnv[Float32s, Float32
 
     def step(
         self, actions: Float32s
-    ) -> tuple[Float32s, npt.NDArray[np.float64], Flags, Flags, dict[str, Any]]:
+    ) -> tuple[Float32s, npt.NDArray[np.float64], Bools, Bools, dict[str, Any]]:
         """Advance every lane by one step. Returns observations, rewards, flags (n,) and the hidden states."""
         # count_nonzero is eight times as fast as any().
         if np.count_nonzero(self._elapsed < 0) or (self._mode == DISABLED and np.count_nonzero(self._done)):
@@ -219,7 +219,7 @@ class IndustrialBenchmarkVectorEnv(Fixed, gym.vector.VectorEnv[Float32s, Float32
         self._begin(np.flatnonzero(self._done))
         return rewards
 
-    def _final(self, ended: Flags) -> dict[str, Any]:
+    def _final(self, ended: Bools) -> dict[str, Any]:
         """The last observations and infos of the episodes that ended, which an automatic reset hides."""
         last = np.full(self.num_envs, None, dtype=object)
         seen = self._simulation.observations()
@@ -232,7 +232,7 @@ class IndustrialBenchmarkVectorEnv(Fixed, gym.vector.VectorEnv[Float32s, Float32
             "_final_info": ended.copy(),
         }
 
-    def _info(self, mask: Flags | None = None) -> dict[str, Any]:
+    def _info(self, mask: Bools | None = None) -> dict[str, Any]:
         """The hidden states as Gymnasium has them: arrays (n,), zero outside `_name`."""
         info: dict[str, Any] = {}
         hidden = self._simulation.info()

@@ -8,13 +8,12 @@ from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.confidence import Estimate, estimate, t_quantile
 from ibdata.dataset.reference_returns import HUNDRED
 from ibdata.dataset.tabular import Number, Table
 
-Floats = npt.NDArray[np.float64]
 BEHAVIOUR = "behaviour"
 ENDS = ("lowest", "highest")
 YOURS, KNOWN = "yours", "known"  # sources of lines

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.models import JsonObject, Sha256
@@ -27,7 +27,6 @@ from ibdata.views.options import ViewOptions
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = npt.NDArray[np.float64]
 FILE = Path(__file__).with_name("baselines.jsonl")
 PROTOTYPES = FILE.with_name("prototypes.jsonl")
 PUBLISHED = FILE.with_name("published.csv")  # a row per set, a column per algorithm

@@ -8,11 +8,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Floats, Ints
 from ibdata._numerics.confidence import estimate
-from ibdata._simulation.episodes import Ints
 from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.episodes import refuse_by_returns, refuse_empty
 from ibdata.dataset.tabular import Table, Tabular
@@ -24,7 +23,6 @@ from ibdata.evaluation.states import Source
 from ibdata.experiment.code import consented_spec, refuse_changed
 from ibdata.policies.user_object import UserObject
 
-Floats = npt.NDArray[np.float64]
 LEAST_EFFECTIVE = 100.0  # episodes, below which the weighted estimate has a warning
 METHODS = ("weighted", "per decision", "ordinary")
 FARTHEST = 2.0  # standard errors; an estimate farther from the weighted one has a warning

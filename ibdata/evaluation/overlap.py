@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from ibdata._numerics.arrays import Bools, Float32s, Floats, Ints
 from ibdata._numerics.random import Purpose
-from ibdata._simulation.episodes import Episodes, Float32s, Floats, Ints, draw_uniforms
+from ibdata._simulation.episodes import Episodes, draw_uniforms
 from ibdata._simulation.replay import replay
 from ibdata.errors import UsageError
 from ibdata.evaluation.states import Source
@@ -19,7 +19,6 @@ from ibdata.policies import Policy
 from ibdata.policies.distributions import Distribution, applied
 from ibdata.policies.user_object import UserObject
 
-Bools = npt.NDArray[np.bool_]
 RARE_EPISODES = 0.05  # the share of the target's episodes that may have a point mass which is rare in data
 NEVER_EPISODES = 0.001  # the share that may have an action which the data never have
 LOG_NEVER = -1e9  # for the log of a density of 0, finite so that sums of it are numbers

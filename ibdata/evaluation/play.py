@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats, Ints
 from ibdata._numerics.random import stream_key
 from ibdata._simulation.carry import Carry, begin
-from ibdata._simulation.episodes import Episodes, Ints, observed_rows, record_rows, values_of
+from ibdata._simulation.episodes import Episodes, observed_rows, record_rows, values_of
 from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata._system.progress import Advance, unseen
 from ibdata.errors import UsageError
@@ -24,7 +24,6 @@ from ibdata.views.options import PLAIN, ViewOptions, Window
 from ibdata.views.rewards import COSTS, scaled
 from ibdata.views.variables import variable_of
 
-Floats = npt.NDArray[np.float64]
 RETURN_BYTES = 16  # least memory per episode, for two sums
 
 

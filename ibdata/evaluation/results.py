@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.confidence import estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED, ZERO
@@ -32,7 +32,6 @@ from ibdata.policies import POLICIES, Policy
 if TYPE_CHECKING:
     import pandas as pd
 
-Floats = npt.NDArray[np.float64]
 
 OF_COSTS = ("mean_cost", "cost_error", "violations")  # are shown if the view has a cost
 WIDE = ("interval", "clipped", "expert_score")  # are shown by `results`, `to_pandas` and --json only

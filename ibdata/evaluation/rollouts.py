@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Float32s, Ints
 from ibdata._numerics.random import Purpose, Raw, stream_key
 from ibdata._simulation import addresses
 from ibdata._simulation.addresses import Digests
 from ibdata._simulation.carry import Carry, begin
-from ibdata._simulation.episodes import Episodes, Float32s, Ints, World, observed_rows, record_rows, values_of
+from ibdata._simulation.episodes import Episodes, World, observed_rows, record_rows, values_of
 from ibdata._simulation.unroll import LANES, unroll
 from ibdata._system.memory import refuse_too_much
 from ibdata.dataset.dataset import whole_dataset

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Float32s, Ints
 from ibdata._simulation.carry import Carry, begin
-from ibdata._simulation.episodes import Float32s, Ints, Table
+from ibdata._simulation.episodes import Table
 from ibdata._simulation.unroll import unroll
 from ibdata.dataset.dataset import Place, whole_dataset
 from ibdata.dataset.selection import whole, within

@@ -9,16 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Float32s, Floats, Ints
 from ibdata._numerics.confidence import estimate
 from ibdata._numerics.random import Raw, stream_key
 from ibdata._simulation.carry import Carry
-from ibdata._simulation.episodes import Episodes, Float32s, Ints, record_rows
+from ibdata._simulation.episodes import Episodes, record_rows
 from ibdata._simulation.unroll import LANES, unroll
 from ibdata._system.memory import refuse_too_much
 from ibdata.dataset.dataset import Place, whole_dataset
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
-from ibdata.evaluation.play import RETURN_BYTES, Floats, checked_discount, returns_of
+from ibdata.evaluation.play import RETURN_BYTES, checked_discount, returns_of
 from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.evaluation.states import Source
 from ibdata.experiment import Experiment

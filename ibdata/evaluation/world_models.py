@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Floats, Ints
 from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.episodes import refuse_by_returns
 from ibdata.dataset.selection import whole
@@ -24,8 +25,6 @@ from ibdata.evaluation.states import BATCH_ROWS, Source
 from ibdata.policies.checked import AnswerError, numbers
 from ibdata.views.options import ACTIONS
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 QUANTITIES = ("fatigue", "consumption")
 PART = 512  # rows that are integrated at a time
 FOLDED = math.sqrt(2.0 / math.pi)  # the mean of |z|, with z ~ N(0, 1)

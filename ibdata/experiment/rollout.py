@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ibdata._numerics.arrays import Float32s, Floats, Ints
 from ibdata._numerics.random import Purpose, stream_key
 from ibdata._simulation import kernel
 from ibdata._simulation.carry import begin
-from ibdata._simulation.episodes import Episodes, Float32s, Floats, Ints, Table, draw_uniforms
+from ibdata._simulation.episodes import Episodes, Table, draw_uniforms
 from ibdata._simulation.replay import replay
 from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata._system.progress import Advance, unseen

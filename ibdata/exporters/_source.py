@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata._numerics.arrays import Array, Arrays
 from ibdata._numerics.naming import decimal
 from ibdata._system.progress import bar
 from ibdata.dataset.dataset import Dataset
@@ -21,9 +21,6 @@ from ibdata.dataset.episodes import BLOCK_ROWS, refuse_empty
 from ibdata.dataset.transitions import arrays_of, beside, columns_of, left_out, needed, whole_episodes
 from ibdata.errors import UsageError
 from ibdata.views.options import PLAIN, ViewOptions
-
-Array = npt.NDArray[Any]
-Arrays = dict[str, Array]
 
 PARQUET = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
 # Roles of columns that are exported beside the transitions.

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ibdata.exporters._source import Arrays, Source
+from ibdata._numerics.arrays import Arrays
+from ibdata.exporters._source import Source
 from ibdata.exporters._target import hdf5_file, library
 
 VERSION = "2.1"  # of d3rlpy's file format

@@ -18,9 +18,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from ibdata._numerics.arrays import Array, Arrays
 from ibdata._numerics.naming import exact
 from ibdata.dataset.statistics import Matrix, Moments, RowStatistics
-from ibdata.exporters._source import PARQUET, Array, Arrays, Source, vectors
+from ibdata.exporters._source import PARQUET, Source, vectors
 from ibdata.generation.metadata import as_json
 from ibdata.views.options import ACTIONS
 

@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from ibdata._numerics.arrays import Arrays
 from ibdata.dataset.reference_returns import scale_of
 from ibdata.errors import OUT, UsageError, parameter
 from ibdata.experiment.dataset_spec import declared_spec
-from ibdata.exporters._source import Arrays, Source
+from ibdata.exporters._source import Source
 from ibdata.exporters._target import hdf5_file, library
 from ibdata.version import __version__
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ibdata._numerics.arrays import Arrays
 from ibdata._numerics.naming import counted, exact
 from ibdata.errors import SPLIT, UsageError
-from ibdata.exporters._source import Arrays, Source, write_npz
+from ibdata.exporters._source import Source, write_npz
 
 HISTORY = 30
 MAX_ROWS = 2**24  # float32 does not have all whole numbers above it

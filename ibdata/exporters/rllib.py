@@ -13,7 +13,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ibdata.exporters._source import PARQUET, Arrays, Source, vectors
+from ibdata._numerics.arrays import Arrays
+from ibdata.exporters._source import PARQUET, Source, vectors
 
 ROW_GROUP_ROWS = 100_000
 SUFFIX = ".parquet"

@@ -6,7 +6,7 @@ https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ibdata._system.files import FileEntry
@@ -14,7 +14,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Column
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.card import ABOUT, KEYWORDS, bibtex, facts, how_to_make_again
-from ibdata.generation.metadata import as_json, info, splits
+from ibdata.generation.metadata import info, splits
 from ibdata.version import DATE, __version__
 
 Json = dict[str, Any]
@@ -66,8 +66,8 @@ SPDX = re.compile(r"(?!LicenseRef-)[\w.-]+")  # an identifier, which has a page;
 USES = {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}
 
 
-def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEntry], root: str) -> bytes:
-    """The bytes of croissant.json.
+def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEntry], root: str) -> Json:
+    """The content of croissant.json.
 
     Args:
         spec: The experiments and splits of the dataset; those of its splits that are labels have no files.
@@ -75,14 +75,11 @@ def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEnt
         entries: All files that the manifest lists, but for this one.
         root: Its content root.
     """
-    shards = list(zip(spec.shards, paths, strict=True))
-    files = {name: [path for shard, path in shards if name in shard.splits] for name in spec.declared}
     columns = info(spec).columns
-    distribution = _distribution(files, entries, root)
-    ids = [file["@id"] for file in distribution]
+    files = distribution(spec, paths, entries, root)
     record_sets = [_record_set("rows", "files", columns, described=True)]
-    record_sets += [_record_set(f"split/{name}", f"files/{name}", columns) for name in files]
-    description = {
+    record_sets += [_record_set(f"split/{name}", f"files/{name}", columns) for name in spec.declared]
+    return {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": CONFORMS_TO,
@@ -105,7 +102,7 @@ def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEnt
                 "@type": "prov:Activity",
                 "prov:label": "Simulation of the experiment",
                 "description": " ".join(how_to_make_again(spec)),
-                "prov:used": [{"@id": path} for path in ids if path.startswith("meta/experiment")],
+                "prov:used": [{"@id": x["@id"]} for x in files if x["@id"].startswith("meta/experiment")],
                 "prov:wasAssociatedWith": {
                     "@type": "prov:SoftwareAgent",
                     "prov:label": "ibdata",
@@ -114,17 +111,18 @@ def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEnt
                 "prov:generated": {"@type": "prov:Entity", "prov:label": "content root", "identifier": root},
             }
         ],
-        "distribution": distribution,
+        "distribution": files,
         "recordSet": [*record_sets, *_splits(spec)],
     }
-    return as_json(description)
 
 
 def _head(kind: str, name: str) -> Json:
     return {"@type": f"cr:{kind}", "@id": name, "name": name}
 
 
-def _distribution(files: Mapping[str, list[str]], entries: Iterable[FileEntry], root: str) -> list[Json]:
+def distribution(
+    spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEntry], root: str
+) -> list[Json]:
     """The folder around meta/, in which files are found, the files of all and of each split, each file."""
     folder = {
         **_head("FileObject", "dataset"),
@@ -133,7 +131,10 @@ def _distribution(files: Mapping[str, list[str]], entries: Iterable[FileEntry], 
         "encodingFormat": ["inode/directory", "git+https"],
         "sha256": root,  # a file object needs one
     }
-    sets = {"files": ["data/part-*.parquet"], **{f"files/{name}": paths for name, paths in files.items()}}
+    shards = list(zip(spec.shards, paths, strict=True))
+    sets = {"files": ["data/part-*.parquet"]}
+    for name in spec.declared:
+        sets[f"files/{name}"] = [path for shard, path in shards if name in shard.splits]
     file_sets = [
         {
             **_head("FileSet", name),

@@ -23,7 +23,7 @@ from ibdata.dataset.digest import content_root
 from ibdata.dataset.models import Code, File, Manifest, ShardEntry
 from ibdata.dataset.stored import EPISODES, INFO, STATISTICS
 from ibdata.errors import DatasetError
-from ibdata.experiment import as_yaml
+from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation import metadata
@@ -53,19 +53,18 @@ def finish(
         clipped: The number of clipped actions; by default the sum over the shards.
     """
     root = root_of(spec, ((w.shard, w.content.digests) for w in written))
-    episodes = metadata.episodes_table(spec, written)
     files = [w.entry for w in written]
-    entries = files.copy()
-    for path, make in metadata_files(spec, written, episodes).items():
-        data = make()
+    paths, entries = [file.path for file in files], files.copy()
+    contents = {path: make() for path, make in metadata_contents(spec, written).items()}
+    for path, content in contents.items():
+        data = encoded(content)
         entries.append(entry_of(path, data))
         yield path, data
-    paths = [file.path for file in files]
-    described = croissant(spec, paths, entries, root)
+    described = encoded(croissant(spec, paths, entries, root))
     entries.append(entry_of(manifest.CROISSANT, described))
     yield manifest.CROISSANT, described
     yield manifest.SPLITS, metadata.splits_file(spec)
-    yield manifest.CARD, card(spec, files, root, episodes)
+    yield manifest.CARD, card(spec, files, root, contents[EPISODES])
     listed = manifest.sealed(
         Manifest(
             format=manifest.FORMAT,
@@ -100,30 +99,33 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
     }
 
 
-def metadata_files(
-    spec: DatasetSpec, written: list[WrittenShard], episodes: pa.Table | None = None
-) -> dict[str, Callable[[], bytes]]:
-    """What makes the files in `meta` that the manifest lists, by path; croissant.json describes them.
+def metadata_contents(spec: DatasetSpec, written: list[WrittenShard]) -> dict[str, Callable[[], Any]]:
+    """What makes the contents of the files in `meta` that the manifest lists, but of croissant.json, by path.
 
-    Those of NEED_CONTENT need the content of all shards; the table `episodes` is made of it by default.
+    Those of NEED_CONTENT need the content of all shards.
     """
-
-    def episodes_file() -> bytes:
-        out = io.BytesIO()
-        table = metadata.episodes_table(spec, written) if episodes is None else episodes
-        pq.write_table(table, out, compression="zstd", write_page_checksum=True)
-        return out.getvalue()
-
     paths = [manifest.EXPERIMENT]
     if len(spec.experiments) > 1:  # of a merged dataset
         paths = [f"meta/experiment-{i:05d}.yaml" for i in range(len(spec.experiments))]
+    known: dict[str, Any] = dict(zip(paths, spec.experiments, strict=True))
+    known |= {f"meta/{name}": data for name, data in spec.weights.items()}
     return {
-        INFO: lambda: metadata.as_json(metadata.info(spec)),
-        EPISODES: episodes_file,
-        STATISTICS: lambda: metadata.as_json(metadata.statistics(spec, written)),
-        **{path: partial(as_yaml, e) for path, e in zip(paths, spec.experiments, strict=True)},
-        **{f"meta/{name}": partial(bytes, data) for name, data in spec.weights.items()},
+        INFO: lambda: metadata.info(spec),
+        EPISODES: lambda: metadata.episodes_table(spec, written),
+        STATISTICS: lambda: metadata.statistics(spec, written),
+        **{path: partial(known.__getitem__, path) for path in known},
     }
+
+
+def encoded(content: Any) -> bytes:
+    """The bytes of a file in `meta`: an experiment as YAML, a table as Parquet, other data as JSON."""
+    if isinstance(content, Experiment):
+        return as_yaml(content)
+    if isinstance(content, pa.Table):
+        out = io.BytesIO()
+        pq.write_table(content, out, compression="zstd", write_page_checksum=True)
+        return out.getvalue()
+    return content if isinstance(content, bytes) else metadata.as_json(content)
 
 
 def rewritten_manifest(listed: Manifest, entries: Mapping[str, FileEntry]) -> bytes:
@@ -169,7 +171,7 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
     expected_shards = [planned_entry(spec, shard) for shard in spec.shards]
     files = {file.path for file in listed.files}
-    expected_files = {*(s.path for s in listed.shards), *metadata_files(spec, []), manifest.CROISSANT}
+    expected_files = {*(s.path for s in listed.shards), *metadata_contents(spec, []), manifest.CROISSANT}
     targets = list(dict.fromkeys(code.target for code in listed.code))
     for rule, found, expected in (
         ("experiments", {"shards": shards}, {"shards": expected_shards}),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ibdata._simulation.episodes import Ints
+from ibdata._numerics.arrays import Ints
 from ibdata.dataset.models import Column, Counts, Info, JsonObject, SplitEntry, Statistics
 from ibdata.dataset.statistics import described, merged
 from ibdata.dataset.stored import episode_schema

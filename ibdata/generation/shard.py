@@ -22,12 +22,13 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow.parquet as pq
 
+from ibdata._numerics.arrays import Floats
 from ibdata._simulation.episodes import Table
 from ibdata._system.files import FileEntry, HashingFile
 from ibdata._system.part import RECEIPTS
 from ibdata._system.runs import Run
 from ibdata._system.signals import held
-from ibdata.dataset.statistics import Floats, Moments, RowStatistics, sums
+from ibdata.dataset.statistics import Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard

@@ -12,9 +12,10 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
+from ibdata._numerics.arrays import Floats, Ints
 from ibdata._numerics.naming import counted
 from ibdata.plots.episode import VARIABLES, draw_episode
-from ibdata.plots.style import GREYS, SERIES, WIDTH, Floats, Numbers, count_bar, count_image, legend_above
+from ibdata.plots.style import GREYS, SERIES, WIDTH, count_bar, count_image, legend_above
 from ibdata.plots.summary import ACTION_EDGES, COSTS, PAIRS, STEERINGS, Summary
 from ibdata.views.options import ACTIONS
 
@@ -153,7 +154,7 @@ def draw_splits(figure: Figure, summary: Summary) -> None:
     )
 
 
-def _count(axes: Axes, numbers: Numbers, columns: list[str], rows: list[str]) -> None:
+def _count(axes: Axes, numbers: Ints, columns: list[str], rows: list[str]) -> None:
     """Write numbers into squares that are the darker the larger they are; 0 is an empty square."""
     blues = colormaps["Blues"].resampled(256)  # a user's setting `image.lut` may have made it coarse
     axes.imshow(np.log1p(numbers), cmap=blues, vmin=0, vmax=2 * np.log1p(numbers.max()), aspect="auto")

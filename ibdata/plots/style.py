@@ -61,8 +61,7 @@ COLUMNS = 3  # of a legend
 HEADING = 56  # characters of a line above a picture
 
 
-Numbers = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 
 @contextmanager

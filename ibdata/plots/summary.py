@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Floats, Ints
 from ibdata._system.progress import bar
 from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.models import Quantile
 from ibdata.errors import DatasetError
-from ibdata.plots.style import SERIES, Floats, Numbers
+from ibdata.plots.style import SERIES
 from ibdata.views.options import ACTIONS
 
 MOST_SETPOINTS = 12
@@ -97,18 +98,18 @@ class Counts(NamedTuple):
     Costs far from the others are in no bin.
     """
 
-    rows: Numbers  # (setpoints, policies)
+    rows: Ints  # (setpoints, policies)
     reward_edges: Floats
-    rewards: Numbers  # (setpoints, policies, bins)
-    coverage: Numbers  # (policies, pairs of steerings, bins of the first, bins of the second)
+    rewards: Ints  # (setpoints, policies, bins)
+    coverage: Ints  # (policies, pairs of steerings, bins of the first, bins of the second)
     cost_edges: tuple[Floats, Floats]
-    costs: Numbers  # (bins of consumption, bins of fatigue)
+    costs: Ints  # (bins of consumption, bins of fatigue)
     mean_costs: Floats  # (setpoints, policies, 2); NaN where there are no rows
-    actions: Numbers  # (policies, actions, bins)
+    actions: Ints  # (policies, actions, bins)
 
 
 def count(
-    dataset: Dataset, cells: tuple[int, int], setpoint: Numbers, policy: Numbers, progress: bool | None
+    dataset: Dataset, cells: tuple[int, int], setpoint: Ints, policy: Ints, progress: bool | None
 ) -> Counts:
     """Count the rows by the groups (setpoint, policy) of their episodes (n,)."""
     counts = Counts(
@@ -135,7 +136,7 @@ def count(
     return counts._replace(mean_costs=np.where(rows > 0, counts.mean_costs, np.nan) / np.maximum(rows, 1))
 
 
-def _add(counts: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, policy: Numbers) -> None:
+def _add(counts: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Ints, policy: Ints) -> None:
     """Add rows to the counts; mean_costs holds sums until all rows are counted."""
     _into(counts.rows, setpoint, policy)
     _into(counts.rewards, setpoint, policy, bins(x["reward"], counts.reward_edges))
@@ -151,7 +152,7 @@ def _add(counts: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Numbers, poli
         _into(counts.actions[:, i], policy, bins(x[name], ACTION_EDGES))
 
 
-def bins(values: npt.NDArray[Any], edges: Floats) -> Numbers:
+def bins(values: npt.NDArray[Any], edges: Floats) -> Ints:
     """The bin of each value (n,); values outside are in the first or the last bin.
 
     >>> bins(np.array([0.0, 0.5, 1.0, 2.0]), np.array([0.0, 1.0, 2.0]))
@@ -160,7 +161,7 @@ def bins(values: npt.NDArray[Any], edges: Floats) -> Numbers:
     return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
 
 
-def _into(counts: npt.NDArray[Any], *places: Numbers, weights: npt.NDArray[Any] | None = None) -> None:
+def _into(counts: npt.NDArray[Any], *places: Ints, weights: npt.NDArray[Any] | None = None) -> None:
     flat = np.ravel_multi_index(places, counts.shape)
     counts += np.bincount(flat, weights, minlength=counts.size).reshape(counts.shape)
 

@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import has_method
+from ibdata._numerics.arrays import Floats
 from ibdata.errors import IbdataError, PolicyError, UsageError
-from ibdata.policies.base import Floats, Needs, Observed, Policy, Steps, other_density
+from ibdata.policies.base import Needs, Observed, Policy, Steps, other_density
 from ibdata.policies.checked import AnswerError, actions, ask, decision, numbers
 from ibdata.policies.code import apart_from_results, error_line
 from ibdata.policies.distributions import Certain, Distribution, Unknown

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from ibdata._numerics.arrays import Float32s, Floats
 from ibdata._numerics.naming import NAME_PATTERN
 from ibdata.errors import excerpt
 from ibdata.policies.distributions import Distribution
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
 
     from ibdata.policies.code import Acting
 
-Float32s = npt.NDArray[np.float32]
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 Steps = npt.NDArray[np.int64]
 
 Kind = TypeVar("Kind")

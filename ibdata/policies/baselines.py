@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from ibdata._numerics.arrays import Bools, Float32s, Floats
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.random import standard_normal
 from ibdata.policies.base import (
@@ -21,15 +22,7 @@ from ibdata.policies.base import (
     Observed,
     Policy,
 )
-from ibdata.policies.distributions import (
-    LOG_HALF,
-    LOG_MASS_AT_EDGE,
-    Bools,
-    Distribution,
-    Float32s,
-    Floats,
-    Uniform,
-)
+from ibdata.policies.distributions import LOG_HALF, LOG_MASS_AT_EDGE, Distribution, Uniform
 
 
 class Random(Policy):

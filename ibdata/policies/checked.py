@@ -10,12 +10,12 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Bools, Float32s, Floats, Ints
 from ibdata.errors import IbdataError, PolicyError, excerpt
-from ibdata.policies.base import OBSERVATION, Float32s, Floats, Observed, Policy, is_deterministic
+from ibdata.policies.base import OBSERVATION, Observed, Policy, is_deterministic
 from ibdata.policies.code import error_line
 from ibdata.policies.distributions import (
     NUMBERED,
-    Bools,
     Certain,
     Distribution,
     Unknown,
@@ -25,7 +25,6 @@ from ibdata.policies.distributions import (
     read_only,
 )
 
-Ints = npt.NDArray[np.int64]
 NOBODY = np.empty(0, dtype=np.int64)  # the numbers of episodes that are made up
 
 

@@ -11,13 +11,13 @@ from operator import itemgetter
 from typing import Annotated, Any, ClassVar, Literal, Union
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from pydantic_core.core_schema import no_info_before_validator_function
 
 from ibdata._numerics.arguments import can_act
+from ibdata._numerics.arrays import Float32s, Floats, Ints
 from ibdata._numerics.naming import unequal
 from ibdata.errors import Problems
 from ibdata.policies.base import (
@@ -31,7 +31,7 @@ from ibdata.policies.base import (
     is_deterministic,
 )
 from ibdata.policies.checked import ask
-from ibdata.policies.distributions import ByRow, Distribution, Float32s, Floats, Group, applied
+from ibdata.policies.distributions import ByRow, Distribution, Group, applied
 from ibdata.policies.replaced import OrUniform
 
 # By kind, in alphabetical order: the package fills it when all its modules are imported.
@@ -175,9 +175,6 @@ class EpsilonGreedy(Wrapper):
         return Decision(OrUniform(epsilon, base, first=self.base.needs.draws), memory)
 
 
-Numbers = npt.NDArray[np.int64]
-
-
 class Choice(Policy):
     """A policy that lets one of the policies of `inner` act in each episode at each step.
 
@@ -186,10 +183,10 @@ class Choice(Policy):
     """
 
     @abstractmethod
-    def chosen(self, observed: Observed) -> Numbers:
+    def chosen(self, observed: Observed) -> Ints:
         """The number of the policy that acts in each episode, (n,)."""
 
-    def began(self, observed: Observed) -> Numbers:
+    def began(self, observed: Observed) -> Ints:
         """The step of each episode at which the policy that acts began, without memory, (n,)."""
         return np.zeros_like(observed.step)
 
@@ -251,14 +248,14 @@ class PolicyMixture(Choice):
         """The kinds of the policies; of equal ones, the later get -2, -3, …"""
         return unequal([base.kind for base in self.bases])
 
-    def member(self, u: Floats) -> Numbers:
+    def member(self, u: Floats) -> Ints:
         """The numbers (n,) of the policies that are drawn for episodes by their first random numbers (n,)."""
         weights = self.weights or [1.0] * len(self.bases)
         total = math.fsum(weights)
         bounds = [part / total for part in accumulate(weights)][:-1]
         return np.searchsorted(bounds, u, side="right").astype(np.int64)
 
-    def chosen(self, observed: Observed) -> Numbers:
+    def chosen(self, observed: Observed) -> Ints:
         return self.member(observed.episode_draws[:, 0])
 
     @model_validator(mode="after")
@@ -310,10 +307,10 @@ class Schedule(Choice):
         """If actions are replaced, four draws: one that decides, three for the action."""
         return Needs(history=0, draws=4 * self.explores)
 
-    def chosen(self, observed: Observed) -> Numbers:
+    def chosen(self, observed: Observed) -> Ints:
         return np.searchsorted(self._starts[1:], observed.step, side="right").astype(np.int64)
 
-    def began(self, observed: Observed) -> Numbers:
+    def began(self, observed: Observed) -> Ints:
         return self._starts[self.chosen(observed)]
 
     def decide(self, observed: Observed) -> Decision:
@@ -334,7 +331,7 @@ class Schedule(Choice):
         return epsilon
 
     @cached_property
-    def _starts(self) -> Numbers:
+    def _starts(self) -> Ints:
         """The first step of each stage."""
         lengths = [0, *(stage.steps or 0 for stage in self.stages[:-1])]
         return np.cumsum(np.array(lengths, dtype=np.int64))

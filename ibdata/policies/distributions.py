@@ -16,13 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Bools, Float32s, Floats
 from ibdata._numerics.compiled import compiled, inlined
 from ibdata._numerics.exact import LOG_SQRT_2PI, log, log_cdf
 from ibdata._numerics.random import standard_normal
-
-Float32s = npt.NDArray[np.float32]
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 # A discrete action changes velocity, gain and shift by -1, 0 or 1 each, in the order of the class `IBGym` of
 # `industrial-benchmark-python` 2.0.

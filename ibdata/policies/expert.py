@@ -10,6 +10,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from ibdata._numerics.arrays import Float32s, Floats
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import clip
 from ibdata.dynamics.fatigue import (
@@ -30,8 +31,6 @@ from ibdata.policies.base import (
     VELOCITY,
     Decision,
     Deterministic,
-    Float32s,
-    Floats,
     Needs,
     Observed,
     Steps,

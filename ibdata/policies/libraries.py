@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from ibdata._numerics.arrays import Float32s
 from ibdata._numerics.naming import exact
 from ibdata.errors import UsageError
-from ibdata.policies.base import OBSERVATION, SETPOINT, Float32s
+from ibdata.policies.base import OBSERVATION, SETPOINT
 from ibdata.views.options import PLAIN, ViewOptions
 
 # Layers of an environment that leave observations and actions as they are, or that `normalized` applies, by

@@ -8,13 +8,14 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 
+from ibdata._numerics.arrays import Bools, Float32s, Floats
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import LOG_SQRT_2PI, exp, log, log_cdf, tanh
 from ibdata._numerics.random import standard_normal
 from ibdata.errors import Problems
 from ibdata.policies.base import Decision, Deterministic, Needs, Observed
 from ibdata.policies.compound import Unnamed, Wrapper
-from ibdata.policies.distributions import CLIP_EDGE, Bools, Certain, Distribution, Float32s, Floats, applied
+from ibdata.policies.distributions import CLIP_EDGE, Certain, Distribution, applied
 from ibdata.policies.weights_file import SHA256, Weights, weights_at
 
 # From this tanh on, the action is ±1: closer to ±1, float32 is too coarse for the density of a random one.

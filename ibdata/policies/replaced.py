@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Bools, Float32s, Floats
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import exp, log
-from ibdata.policies.distributions import Bools, Certain, Distribution, Float32s, Floats, applied, log_uniform
+from ibdata.policies.distributions import Certain, Distribution, applied, log_uniform
 
 
 class Replaced(Distribution):

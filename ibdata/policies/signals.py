@@ -8,10 +8,11 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from ibdata._numerics.arrays import Floats
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.random import standard_normal
 from ibdata.errors import Problems
-from ibdata.policies.base import FROM_FLOAT, Decision, Deterministic, Floats, Needs, Observed
+from ibdata.policies.base import FROM_FLOAT, Decision, Deterministic, Needs, Observed
 from ibdata.policies.baselines import Constant
 from ibdata.policies.compound import AnyPolicy, DeterministicBase, DrawsNothing, Probability, Unnamed, Wrapper
 from ibdata.policies.distributions import Certain, ClippedNormal

@@ -20,13 +20,13 @@ from pydantic import BaseModel, ConfigDict, Field, Json, ValidationError
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from ibdata._numerics.arrays import Float32s
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import tanh
 from ibdata._system.files import plain_bytes
 from ibdata.errors import printable
 from ibdata.policies.base import OBSERVATION
 
-Float32s = npt.NDArray[np.float32]
 Sizes = npt.NDArray[np.int64]
 
 

@@ -14,6 +14,7 @@ import pyarrow as pa
 from ibdata._system.progress import Advance, unseen
 from ibdata._system.storage import Storage
 from ibdata.dataset import manifest, parquet
+from ibdata.dataset.models import JsonObject
 from ibdata.dataset.statistics import Moments
 from ibdata.dataset.stored import EPISODES, Stored
 from ibdata.errors import DatasetError, reason
@@ -21,8 +22,8 @@ from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard, spec_in
 from ibdata.experiment.yaml import Document
-from ibdata.generation.croissant import croissant
-from ibdata.generation.finish import NEED_CONTENT, first_difference, metadata_files
+from ibdata.generation.croissant import distribution
+from ibdata.generation.finish import NEED_CONTENT, first_difference, metadata_contents
 from ibdata.generation.metadata import splits
 from ibdata.generation.pieces import Piece, stored_pieces
 from ibdata.generation.shard import ShardSummarizer, ShardSummary, WrittenShard
@@ -149,8 +150,10 @@ def metadata_problems(
     """
     listed, are_all = stored.manifest, len(written) == len(spec.shards)
     entries, shard_paths = listed.entries(), [shard.path for shard in listed.shards]
-    makers = metadata_files(spec, written)
-    makers[manifest.CROISSANT] = lambda: croissant(spec, shard_paths, entries.values(), listed.content_root)
+    makers = metadata_contents(spec, written)
+    makers[manifest.CROISSANT] = lambda: {
+        "distribution": distribution(spec, shard_paths, entries.values(), listed.content_root)
+    }
     for path, make in makers.items():
         is_known = are_all or path not in NEED_CONTENT
         is_named_by_hash = manifest.WEIGHTS.fullmatch(path)
@@ -158,8 +161,7 @@ def metadata_problems(
             continue
         expected = make()
         try:
-            found, wanted = (_facts(stored, path, data, spec) for data in (stored.read(path), expected))
-            message = first_difference(found, wanted)
+            message = first_difference(_facts(stored, path, spec), _plain(expected))
         except DatasetError as error:
             yield Problem.of(error, path, stored.storage.where(path), "metadata")
         except (ValueError, pa.ArrowException) as error:
@@ -169,15 +171,21 @@ def metadata_problems(
                 yield Problem(path, None, "metadata", message)
 
 
-def _facts(stored: Stored, path: str, data: bytes, spec: DatasetSpec) -> Any:
+def _plain(content: pa.Table | Experiment | JsonObject | dict[str, Any]) -> Any:
+    """The content of a file of `meta` as plain data."""
+    if isinstance(content, pa.Table):
+        return {name: content[name].to_pylist() for name in content.column_names}
+    return content if isinstance(content, dict) else content.plain()
+
+
+def _facts(stored: Stored, path: str, spec: DatasetSpec) -> Any:
     """What programs read in a file of `meta`. The prose of a description may be said in other words."""
+    data = stored.read(path)
     if path == EPISODES:
-        table = parquet.read(stored.storage, path, data=data)
-        return {name: table[name].to_pylist() for name in table.column_names}
+        return _plain(parquet.read(stored.storage, path, data=data))
     if path.endswith(".yaml"):
-        return Experiment.model_validate(
-            Document(data).data, context=spec.experiments[0].checked_with
-        ).plain()
+        context = spec.experiments[0].checked_with
+        return Experiment.model_validate(Document(data).data, context=context).plain()
     if path == manifest.CROISSANT:
         return {"distribution": dict(manifest.loads(data)).get("distribution")}
     return manifest.loads(data)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Arrays
 from ibdata._numerics.naming import exact
 from ibdata._system.cache_folders import cache_folders
 from ibdata._system.configs import canonical_file
@@ -31,7 +32,6 @@ from ibdata.views.options import View
 if TYPE_CHECKING:
     import pandas as pd
 
-Arrays = dict[str, npt.NDArray[Any]]
 TENTH = 10
 PATIENCE = 600.0  # seconds, for another process that makes the dataset
 

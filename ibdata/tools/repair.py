@@ -21,7 +21,13 @@ from ibdata.experiment.dataset_spec import DatasetSpec, Shard, declared_spec, sp
 from ibdata.generation import metadata
 from ibdata.generation.card import card_of
 from ibdata.generation.croissant import croissant
-from ibdata.generation.finish import NEED_CONTENT, metadata_files, refuse_other_plan, rewritten_manifest
+from ibdata.generation.finish import (
+    NEED_CONTENT,
+    encoded,
+    metadata_contents,
+    refuse_other_plan,
+    rewritten_manifest,
+)
 from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
 from ibdata.generation.shard import WrittenShard, all_written, content_of
@@ -169,13 +175,13 @@ def _repaired(
         whole.append(remade._replace(entry=remade.entry._replace(path=path)))
     whole.sort(key=lambda written: written.shard.number)
     entries |= {written.entry.path: written.entry for written in whole}
-    for path, make in metadata_files(spec, whole).items():
+    for path, make in metadata_contents(spec, whole).items():
         if path in broken:
-            entries[path] = write(folder, path, make())
+            entries[path] = write(folder, path, encoded(make()))
     if manifest.CROISSANT in broken or entries != stored.manifest.entries():
         paths = [shard.path for shard in stored.manifest.shards]
         described = croissant(spec, paths, entries.values(), stored.manifest.content_root)
-        entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, described)
+        entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, encoded(described))
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         notice(f"{folder}: splits that were made later, if there were any, are lost; make them again")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata._numerics.arrays import Array
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.errors import DatasetError
@@ -20,8 +20,6 @@ from ibdata.experiment.dataset_spec import Shard
 from ibdata.experiment.rollout import expert_actions, log_densities
 from ibdata.generation.pieces import index_columns, policy_numbers
 from ibdata.policies.user_object import UserObject
-
-Array = npt.NDArray[Any]
 
 
 class Problem(NamedTuple):

@@ -17,13 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Bools, Float32s, Floats
 from ibdata.errors import UsageError
 from ibdata.views.variables import variable_of
-
-Array = npt.NDArray[Any]
-Float32s = npt.NDArray[np.float32]
-Floats = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 LEAST = math.ulp(0.0)
 # The least and the greatest number for a column, and both in words. With these, all measurements are finite.
@@ -103,7 +99,7 @@ class Measurement:
             self._streams.setdefault(stream, []).append(place)
         self._random = bool(self._noise.any() or self._missing.any())
 
-    def episode(self, clean: Float32s, number: int) -> tuple[Float32s, Flags]:
+    def episode(self, clean: Float32s, number: int) -> tuple[Float32s, Bools]:
         """Measure the true values (T + 1, k) of an episode with this number.
 
         Returns the measured values (T + 1, k), and flags (T + 1, k) of those that did not arrive.
@@ -115,7 +111,7 @@ class Measurement:
         latest = np.maximum.accumulate(np.where(lost, 0, times), axis=0)
         return np.take_along_axis(arrived, latest, axis=0), lost
 
-    def step(self, delayed: Float32s, numbers: npt.NDArray[np.int64], time: int) -> tuple[Float32s, Flags]:
+    def step(self, delayed: Float32s, numbers: npt.NDArray[np.int64], time: int) -> tuple[Float32s, Bools]:
         """Measure the delayed true values (n, k) of episodes with these numbers (n,) at one time.
 
         Returns the values (n, k), and flags (n, k) of those that do not arrive and are of no use.
@@ -123,7 +119,7 @@ class Measurement:
         arrived, lost = self._measure(delayed, *self._draw(numbers, time, 1))
         return arrived, lost & (time > 0)
 
-    def _measure(self, delayed: Float32s, normal: Floats, uniform: Floats) -> tuple[Float32s, Flags]:
+    def _measure(self, delayed: Float32s, normal: Floats, uniform: Floats) -> tuple[Float32s, Bools]:
         """Add noise and round. Returns the values, and flags of those that are missing."""
         values = delayed.astype(np.float64) + self._noise * normal
         quantum = np.where(self._quantum, self._quantum, 1.0)

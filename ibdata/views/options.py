@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
+from ibdata._numerics.arrays import Float32s
 from ibdata.errors import UsageError, suggestion
 from ibdata.views.imperfections import KINDS, NONE, Imperfections, Measurement, imperfections_of
 from ibdata.views.rewards import CLASSIC, Cost, Reward, cost_of, reward_of
@@ -175,7 +176,6 @@ def bounds_of(
     return [*bounds, *[(0.0, 1.0)] * flags, *[(-1.0, 1.0)] * actions]
 
 
-Float32s = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
 

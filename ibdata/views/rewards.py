@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ibdata._numerics.arrays import Float32s, Floats
 from ibdata.errors import UsageError, suggestion
 from ibdata.views.variables import AMPLIFICATION_START
 
-Float32s = npt.NDArray[np.float32]
-Floats = npt.NDArray[np.float64]
 COSTS = ("consumption", "fatigue")
 REWARD_KINDS = ("classic", "delta")
 COST_KINDS = ("fatigue", "runaway")

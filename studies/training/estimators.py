@@ -20,10 +20,11 @@ from d3rlpy.preprocessing import StandardObservationScaler
 from torch.special import ndtr, ndtri
 
 import ibdata
+from ibdata._numerics.arrays import Bools, Float32s
 from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.evaluation.importance import Importance
 from ibdata.policies import Decision, Distribution
-from ibdata.policies.base import Bools, Float32s, Needs, Observed, at_start
+from ibdata.policies.base import Needs, Observed, at_start
 from ibdata.policies.network import Network
 from ibdata.policies.weights_file import read
 from training.learned_model import Model, fitted_network
