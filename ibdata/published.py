@@ -19,7 +19,7 @@ from ibdata._numerics.arrays import Floats
 from ibdata.dynamics import SIEMENS, Noise, State, step
 from ibdata.dynamics.consumption import FATIGUE_WEIGHT, PENALTY_WEIGHT
 from ibdata.dynamics.setpoint import segment_rate
-from ibdata.dynamics.state import COSTS, NO_DRIFT
+from ibdata.dynamics.state import NO_DRIFT, THETAS
 from ibdata.dynamics.step import advance
 from ibdata.errors import UsageError, excerpt, missing
 from ibdata.views.variables import rows
@@ -30,13 +30,13 @@ except ModuleNotFoundError:  # only the spaces need it
     gymnasium = None
 Env: Any = gymnasium.Env if gymnasium else object
 
-VARIABLES = {  # of ibdata, by the keys of the published state that follow "o", in their order
+STATE_KEYS = {  # of ibdata, by the keys of the published state that follow "o", in their order
     "coc": "theta_0", "fb": "basic_fatigue", "oc": "convolved_cost", "hg": "mu_g", "hv": "mu_v",
     "he": "effective_shift", "gs_domain": "domain", "gs_sys_response": "response", "gs_phi_idx": "direction",
     "ge": "effective_gain", "ve": "effective_velocity", "MC": "penalty", "p": "setpoint", "v": "velocity",
     "g": "gain", "h": "shift", "f": "fatigue", "c": "consumption", "cost": "reward", "reward": "reward",
 }  # fmt: skip
-ROWS = list(rows(*VARIABLES.values()))
+ROWS = list(rows(*STATE_KEYS.values()))
 NEGATED, WHOLE = ("MC", "cost"), ("gs_domain", "gs_sys_response", "gs_phi_idx")
 RATE, LEFT = rows("drift_rate", "drift_left")
 START = {"v": 50.0, "g": 50.0, "h": 50.0, "gs_domain": 1, "gs_sys_response": 1, "gs_phi_idx": 0}
@@ -81,7 +81,7 @@ class IDS:
         vars(self).update(CRF=FATIGUE_WEIGHT, CRC=1.0, CRGS=PENALTY_WEIGHT)
         self.stationary_p = stationary_p
         self.observable_keys = ["p", "v", "g", "h", "f", "c", "cost", "reward"]
-        self.state: OrderedDict[str, Any] = OrderedDict(o=np.zeros(10), **dict.fromkeys(VARIABLES, 0.0))
+        self.state: OrderedDict[str, Any] = OrderedDict(o=np.zeros(10), **dict.fromkeys(STATE_KEYS, 0.0))
         self.state.update(START, p=p)
         self.defineNewSequence()
         self.step(np.zeros(3))
@@ -137,15 +137,15 @@ class IDS:
     def _read(self) -> State:
         state = State.zeros(1)
         numbers = state.values[:, 0]
-        numbers[ROWS] = [self.state[key] for key in VARIABLES]
-        numbers[COSTS] = self.state["o"][::-1]
+        numbers[ROWS] = [self.state[key] for key in STATE_KEYS]
+        numbers[THETAS] = self.state["o"][::-1]
         numbers[RATE] = self._p_ch
         numbers[LEFT] = NO_DRIFT if self.stationary_p else self._p_steps - self._p_step
         return state
 
     def _write(self, state: State) -> None:
         numbers = state.values[:, 0]
-        written = dict(zip(VARIABLES, numbers[ROWS], strict=True))
+        written = dict(zip(STATE_KEYS, numbers[ROWS], strict=True))
         written.update({key: -written[key] for key in NEGATED})
         written.update({key: int(written[key]) for key in WHOLE})
         if self.stationary_p:
@@ -153,7 +153,7 @@ class IDS:
         else:
             self._p_ch, self._p_step = numbers[RATE], self._p_step + 1
         self.state.update(written)
-        self.state["o"][:] = numbers[COSTS][::-1]
+        self.state["o"][:] = numbers[THETAS][::-1]
 
 
 def _refuse_unread(cls: type[IDS], *names: Iterable[str]) -> None:

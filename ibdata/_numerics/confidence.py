@@ -14,7 +14,7 @@ LEVEL = 0.95
 REACH = 12.0  # in standard deviations; the probability beyond it is below the precision of a double
 
 
-class Estimate(NamedTuple):
+class MeanEstimate(NamedTuple):
     """A mean with its standard error and 95 % interval, which are None if a group has only one value."""
 
     mean: float
@@ -22,7 +22,7 @@ class Estimate(NamedTuple):
     interval: tuple[float, float] | None
 
 
-def estimate(groups: Sequence[npt.NDArray[np.float64]]) -> Estimate:
+def mean_estimate(groups: Sequence[npt.NDArray[np.float64]]) -> MeanEstimate:
     """The mean of the means of independent groups of values, with a Student's t interval.
 
     The degrees of freedom are those of Welch and Satterthwaite.
@@ -41,7 +41,7 @@ def estimate(groups: Sequence[npt.NDArray[np.float64]]) -> Estimate:
     mean = math.fsum(means) / len(groups)
     freedom = [len(values) - 1 for values in groups]
     if min(freedom) == 0:
-        return Estimate(mean, None, None)
+        return MeanEstimate(mean, None, None)
     variances = [
         math.fsum((values - m) ** 2) / n / (n + 1)
         for values, m, n in zip(groups, means, freedom, strict=True)
@@ -49,9 +49,9 @@ def estimate(groups: Sequence[npt.NDArray[np.float64]]) -> Estimate:
     total = math.fsum(variances)
     error = math.sqrt(total) / len(groups)
     if error == 0.0:
-        return Estimate(mean, 0.0, (mean, mean))
+        return MeanEstimate(mean, 0.0, (mean, mean))
     half = error * t_quantile(_freedom(variances, freedom))
-    return Estimate(mean, error, (mean - half, mean + half))
+    return MeanEstimate(mean, error, (mean - half, mean + half))
 
 
 def _freedom(variances: Sequence[float], freedom: Sequence[int]) -> float:

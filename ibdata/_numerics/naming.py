@@ -65,7 +65,7 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
-def within(rows: int, episodes: int) -> str:
+def rows_in_episodes(rows: int, episodes: int) -> str:
     """Rows and episodes.
 
     >>> within(10_000, 1)

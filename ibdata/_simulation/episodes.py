@@ -104,10 +104,10 @@ def draw_uniforms(draw: Draw, lanes: Ints, purpose: Purpose, step: int, steps: i
     return u
 
 
-Table = npt.NDArray[np.floating[Any]]  # (columns, rows), float32 or float64
+FloatTable = npt.NDArray[np.floating[Any]]  # (columns, rows), float32 or float64
 
 
-def hidden(drifting: bool) -> tuple[str, ...]:
+def hidden_variables(drifting: bool) -> tuple[str, ...]:
     """The variables of the Markov state that are not observed."""
     return of_role("latent", "drift") if drifting else of_role("latent")
 

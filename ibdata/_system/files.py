@@ -183,20 +183,20 @@ def plain_bytes(path: Path, most: float = math.inf) -> bytes:
         return file.read()
 
 
-def sealed(data: bytes) -> bytes:
+def with_hash(data: bytes) -> bytes:
     """Data with their hash behind them, for a file that `read_sealed` reads."""
     return data + hashlib.sha256(data).digest()
 
 
-def read_sealed(path: Path) -> bytes:
+def read_hashed(path: Path) -> bytes:
     """Read the data of a sealed file. Raises ValueError if they are not what was written."""
-    return unsealed(plain_bytes(path, MOST_SEALED))
+    return without_hash(plain_bytes(path, MOST_SEALED))
 
 
-def unsealed(content: bytes) -> bytes:
+def without_hash(content: bytes) -> bytes:
     """The data of what was read of a sealed file. Raises ValueError if they are not what was written."""
     data = content[:-SEAL_BYTES]
-    if sealed(data) != content:
+    if with_hash(data) != content:
         raise ValueError("not what was written")
     return data
 

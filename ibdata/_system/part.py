@@ -199,7 +199,7 @@ def locked_part(
         IbdataError: The system refuses to write, or there is not enough memory.
     """
     name, part = os.fspath(place or target), Part(target)
-    with refusals(name), stoppable(), _made_parents(target), ExitStack() as stack:
+    with refusing_system_errors(name), stoppable(), _made_parents(target), ExitStack() as stack:
         part.lock = _lock(stack, part, name, shared, patience)
         try:
             if not shared:
@@ -236,7 +236,7 @@ def tidy(place: Path, clear: Callable[[Part], object] | None = None) -> None:
 
 
 @contextmanager
-def refusals(place: str | os.PathLike[str], remedy: str = "") -> Iterator[None]:
+def refusing_system_errors(place: str | os.PathLike[str], remedy: str = "") -> Iterator[None]:
     """Turn errors of the operating system, or of a store, into one line that names the place."""
     try:
         yield

@@ -19,10 +19,10 @@ from ibdata._system.files import (
     HashingFile,
     file_sha256,
     new_file,
-    read_sealed,
+    read_hashed,
     rename,
-    sealed,
-    unsealed,
+    with_hash,
+    without_hash,
     write_new,
 )
 from ibdata._system.part import DATASET, NOTE, RECEIPTS, Part, existing_paths, resolved
@@ -49,13 +49,13 @@ class FolderRun:
 
     def read(self, path: str) -> bytes:
         """The data of a sealed file. Raises ValueError if they are not what was written."""
-        return read_sealed(self.path / path)
+        return read_hashed(self.path / path)
 
     def write(self, path: str, data: bytes) -> None:
         """Write a sealed file, perhaps in place of another."""
         # beside the folders that are listed; hosts may have equal process ids
         temporary = self.path / f".tmp-{secrets.token_hex(6)}"
-        write_new(self.path, temporary.name, sealed(data))
+        write_new(self.path, temporary.name, with_hash(data))
         (self.path / path).parent.mkdir(exist_ok=True)
         rename(temporary, self.path / path)
 
@@ -96,10 +96,10 @@ class StoreRun:
         self.files, self.name = files, files.name
 
     def read(self, path: str) -> bytes:
-        return unsealed(self.files.read(path))
+        return without_hash(self.files.read(path))
 
     def write(self, path: str, data: bytes) -> None:
-        self.files.put_bytes(sealed(data), path)
+        self.files.put_bytes(with_hash(data), path)
 
     def receipts(self) -> list[str]:
         return self.files.names(RECEIPTS)

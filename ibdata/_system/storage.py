@@ -21,7 +21,15 @@ from typing import IO, TYPE_CHECKING, Any
 
 from ibdata._system.files import FileEntry, is_litter, open_regular, paths_in
 from ibdata._system.signals import held
-from ibdata.errors import DatasetError, IbdataError, UsageError, hidden, missing, printable, reason
+from ibdata.errors import (
+    DatasetError,
+    IbdataError,
+    UsageError,
+    missing,
+    printable,
+    reason,
+    without_credentials,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -110,7 +118,7 @@ class Remote(Storage):
     def __init__(self, url: str) -> None:
         scheme, _, rest = url.partition("://")
         self.url = f"{scheme.lower()}://{rest}".rstrip("/")
-        self.name = hidden(self.url)
+        self.name = without_credentials(self.url)
         self._given = self.url
         self._files, base = _file_system(self.url)
         self._base = base.rstrip("/")
@@ -207,7 +215,7 @@ class Remote(Storage):
         """The files at another path of the same file system."""
         found, (head, mark, query) = copy(self), self.url.partition("?")
         found.url, found._base = other(head.rstrip("/")) + mark + query, other(self._base)
-        found.name = hidden(found.url)
+        found.name = without_credentials(found.url)
         return found
 
     def around(self, path: str) -> str | None:
@@ -319,7 +327,7 @@ def refuse_url(*places: Any) -> None:
 
 
 def _url_refused(url: str) -> UsageError:
-    return UsageError(f"{printable(hidden(url))}: found a URL, expected a path on this machine")
+    return UsageError(f"{printable(without_credentials(url))}: found a URL, expected a path on this machine")
 
 
 def _file_system(url: str) -> tuple[Any, str]:

@@ -75,7 +75,7 @@ def summaries(package: str, names: Iterable[str]) -> list[tuple[str, str]]:
     ]
 
 
-class Place(click.Path):
+class PlaceType(click.Path):
     """A path; a URL is kept as text."""
 
     def __init__(self, urls: bool = True) -> None:
@@ -106,7 +106,7 @@ class Yaml(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # not gene
 
 
 MOST_EPISODES = 10_000_000  # of a range
-LOCAL, YAML = Place(urls=False), Yaml()
+LOCAL, YAML = PlaceType(urls=False), Yaml()
 
 
 def configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -117,7 +117,7 @@ def configs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list
     return [CompletionItem(incomplete, type="file"), *map(CompletionItem, names)]
 
 
-place_argument = click.argument("folder", metavar="DIR|URL", type=Place())
+place_argument = click.argument("folder", metavar="DIR|URL", type=PlaceType())
 folder_argument = click.argument("folder", metavar="DIR", type=LOCAL)
 set_option = click.option(
     "--set",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import click
 
 from ibdata._numerics.naming import counted, size
-from ibdata.errors import hidden, notice, printable
+from ibdata.errors import notice, printable, without_credentials
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MAX_LINES = 12  # of a list of problems or results
 
 
-class Result(Protocol):
+class Printable(Protocol):
     """What a command returns, such as a result of the library: its `repr` or `plain` (--json) is printed."""
 
     def plain(self) -> Mapping[str, Any]: ...
@@ -39,7 +39,7 @@ class Printed(NamedTuple):
         return str(self.text)
 
 
-def prints_result(function: Callable[..., Result]) -> Callable[..., None]:
+def prints_result(function: Callable[..., Printable]) -> Callable[..., None]:
     """Give a command the option --json, and print what it returns."""
 
     @functools.wraps(function)
@@ -66,7 +66,7 @@ def say(text: str) -> None:
     credentials in URLs are hidden.
     """
     for line in text.removesuffix("\n").split("\n"):
-        click.echo(printable(hidden(line)))
+        click.echo(printable(without_credentials(line)))
 
 
 def print_json(data: Mapping[str, Any], indent: int | None = None) -> None:
@@ -77,7 +77,7 @@ def print_json(data: Mapping[str, Any], indent: int | None = None) -> None:
 def _plain(data: Any) -> Any:
     """Data without credentials, and with null in place of NaN and infinities, which JSON does not have."""
     if isinstance(data, str):
-        return hidden(data)
+        return without_credentials(data)
     if isinstance(data, float):
         return data if math.isfinite(data) else None
     if isinstance(data, Mapping):

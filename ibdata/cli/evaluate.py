@@ -19,7 +19,7 @@ from ibdata.cli._options import (
     progress_option,
     reward_option,
 )
-from ibdata.cli._printing import Printed, Result, prints_result
+from ibdata.cli._printing import Printable, Printed, prints_result
 from ibdata.dataset.tabular import as_text
 from ibdata.errors import UsageError
 
@@ -136,7 +136,7 @@ def evaluate_command(
     again: Path | None,
     files: tuple[Path, ...],
     **settings: Any,
-) -> Result:
+) -> Printable:
     """Simulate new episodes with policies and compare their returns.
 
     POLICY is a kind of policy, a block such as '{kind: safe}', a file with a block, or a file of weights;

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ibdata._numerics.naming import counted, size, within
+from ibdata._numerics.naming import counted, rows_in_episodes, size
 from ibdata.cli._options import (
     LOCAL,
-    Place,
+    PlaceType,
     allow_code_option,
     configs,
     folder_argument,
@@ -24,7 +24,7 @@ from ibdata.cli._options import (
     set_option,
     workers_option,
 )
-from ibdata.cli._printing import Printed, Result, contents, prints_result
+from ibdata.cli._printing import Printable, Printed, contents, prints_result
 from ibdata.dataset.tabular import pairs
 from ibdata.errors import UsageError, meant
 
@@ -59,7 +59,7 @@ def init_command(file: Path) -> Printed:
 )
 @click.option(
     "--out",
-    type=Place(),
+    type=PlaceType(),
     metavar="DIR|URL",
     help="The folder to make, or a URL such as s3://bucket/name; default data/<name>. The datasets of a "
     "folder of experiments go to DIR/<file>.",
@@ -102,7 +102,7 @@ def generate_command(
     dry_run: bool,
     shards: str | None,
     **settings: Any,
-) -> Result:
+) -> Printable:
     """Generate the dataset of an experiment, or of each experiment in a folder.
 
     CONFIG is a YAML file, a folder of YAML files, or the name of a shipped experiment, as `ibdata config
@@ -129,7 +129,7 @@ def generate_command(
     result = generate(config, out, shards=shards, **settings)
     seconds = time.perf_counter() - start
     if shards is not None:
-        part: Result = result
+        part: Printable = result
         return part
     return _suite(result, seconds) if isinstance(result, Mapping) else _made(result, seconds)
 
@@ -306,7 +306,7 @@ def _splits(dataset: Dataset, before: Mapping[str, Any]) -> Printed:
     width = max(map(len, splits), default=0)
     for name, split in splits.items():
         kind = "whole files" if split["declared"] else "labels"
-        lines.append(f"{name.ljust(width)}  {within(split['rows'], split['episodes'])} ({kind})")
+        lines.append(f"{name.ljust(width)}  {rows_in_episodes(split['rows'], split['episodes'])} ({kind})")
     if not splits:
         lines.append(f"{dataset.place}: no splits")
     data = {

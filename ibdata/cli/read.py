@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ibdata._numerics.naming import counted, within
-from ibdata.cli._options import Place, place_argument, selects, split_option
-from ibdata.cli._printing import MAX_LINES, Printed, Result, contents, prints_result
+from ibdata._numerics.naming import counted, rows_in_episodes
+from ibdata.cli._options import PlaceType, place_argument, selects, split_option
+from ibdata.cli._printing import MAX_LINES, Printable, Printed, contents, prints_result
 from ibdata.dataset.tabular import Table, as_text, pairs, transposed
 from ibdata.errors import notice
 
@@ -22,9 +22,9 @@ MAX_ROWS = 1_000_000
 
 
 @click.command("ls")
-@click.argument("folder", metavar="[DIR|URL]", default=".", type=Place())
+@click.argument("folder", metavar="[DIR|URL]", default=".", type=PlaceType())
 @prints_result
-def ls_command(folder: Path | str) -> Result:
+def ls_command(folder: Path | str) -> Printable:
     """List the datasets in a folder or at a URL, and in the folders below it.
 
     The current folder is the default. By its manifest, a dataset is finished or damaged; ibdata validate
@@ -73,7 +73,7 @@ def _described(dataset: Dataset) -> str:
     info = dataset.stored.info
     lines = [("name", info.name), ("dynamics", info.dynamics), *contents(dataset)]
     for name, split in dataset.splits.items():
-        lines.append((f"split {name}", within(split["rows"], split["episodes"])))
+        lines.append((f"split {name}", rows_in_episodes(split["rows"], split["episodes"])))
     for role in dict.fromkeys(column.role for column in info.columns):
         lines.append((role, ", ".join(info.names(role))))
     return pairs(lines)
@@ -137,7 +137,7 @@ def head_command(
     help="Print measures of the quality of the data instead. They read all rows.",
 )
 @prints_result
-def stats_command(selection: Dataset, of_quality: bool) -> Result:
+def stats_command(selection: Dataset, of_quality: bool) -> Printable:
     """Print mean, standard deviation, range and median of each column.
 
     \b

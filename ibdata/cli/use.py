@@ -22,7 +22,7 @@ from ibdata.cli._options import (
     set_option,
     summaries,
 )
-from ibdata.cli._printing import Printed, Result, lines, print_json, prints_result
+from ibdata.cli._printing import Printable, Printed, lines, print_json, prints_result
 from ibdata.errors import printable
 from ibdata.exporters import FORMATS
 from ibdata.plots import FORMS, PICTURES, plot
@@ -124,7 +124,7 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
 @click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
 @progress_option
 @prints_result
-def export_command(selection: Any, to: str, out: Path, **options: Any) -> Result:
+def export_command(selection: Any, to: str, out: Path, **options: Any) -> Printable:
     """Write a dataset in the format of another library, and print the Python code that loads it.
 
     Every transition is kept, including the last of each episode with its next observation. (Only if --observe
@@ -162,7 +162,7 @@ def config_command() -> None:
 
 @config_command.command("list")
 @prints_result
-def list_() -> Result:
+def list_() -> Printable:
     """List the experiments that come with ibdata, with their rows and a description.
 
     A name that ends with / is that of a folder of experiments.
@@ -176,9 +176,9 @@ def list_() -> Result:
 @prints_result
 def policies_() -> Printed:
     """List the policies and their options."""
-    from ibdata.policies import described
+    from ibdata.policies import policy_list
 
-    kinds = described()
+    kinds = policy_list()
     lines = []
     for policy in kinds:
         lines.append(f"{policy['kind']}: {policy['summary']}")

@@ -14,10 +14,10 @@ from ibdata._numerics.arguments import public
 from ibdata._system.storage import local
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import identity
-from ibdata.dataset.episodes import BLOCK_ROWS, Episodes, refuse_selection
+from ibdata.dataset.episodes import BLOCK_ROWS, SomeEpisodes, refuse_selection
 from ibdata.dataset.selection import (
-    Columns,
-    Split,
+    ColumnsArg,
+    SplitArg,
     checked_columns,
     checked_history,
     checked_length,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-class Dataset(Episodes):
+class Dataset(SomeEpisodes):
     """A finished dataset in a folder or at a URL, or some of its episodes. Only listed files are read.
 
     If the dataset is replaced after it was opened, reading raises BusyError. Functions that take a folder
@@ -69,8 +69,8 @@ class Dataset(Episodes):
     @public
     def table(
         self,
-        columns: Columns = None,
-        split: Split = None,
+        columns: ColumnsArg = None,
+        split: SplitArg = None,
         *,
         view: View = None,
     ) -> pa.Table:
@@ -99,8 +99,8 @@ class Dataset(Episodes):
     @public
     def to_pandas(
         self,
-        columns: Columns = None,
-        split: Split = None,
+        columns: ColumnsArg = None,
+        split: SplitArg = None,
         *,
         view: View = None,
     ) -> pd.DataFrame:
@@ -122,8 +122,8 @@ class Dataset(Episodes):
     def head(
         self,
         rows: int = 5,
-        columns: Columns = None,
-        split: Split = None,
+        columns: ColumnsArg = None,
+        split: SplitArg = None,
         *,
         at: tuple[int, int] | None = None,
     ) -> pa.Table:
@@ -153,8 +153,8 @@ class Dataset(Episodes):
     @public
     def iter_batches(
         self,
-        columns: Columns = None,
-        split: Split = None,
+        columns: ColumnsArg = None,
+        split: SplitArg = None,
         batch_rows: int = 65_536,
         *,
         view: View = None,
@@ -181,7 +181,7 @@ class Dataset(Episodes):
     def arrays(
         self,
         history: int = 1,
-        split: Split = None,
+        split: SplitArg = None,
         pad: str = "repeat",
         columns: Sequence[str] = (),
         *,
@@ -217,7 +217,7 @@ class Dataset(Episodes):
     def windows(
         self,
         history: int = 1,
-        split: Split = None,
+        split: SplitArg = None,
         pad: str = "repeat",
         folder: str | os.PathLike[str] | None = None,
         *,

@@ -17,7 +17,15 @@ from ibdata._numerics.naming import counted, decimal
 from ibdata._system.storage import Storage, existing
 from ibdata.dataset.models import Statistic
 from ibdata.dataset.returns import Returns, behaviour_returns
-from ibdata.dataset.selection import Limits, Numbers, Policy, Setpoint, Split, in_splits, meeting
+from ibdata.dataset.selection import (
+    EpisodesArg,
+    PolicyArg,
+    ReturnsArg,
+    SetpointArg,
+    SplitArg,
+    in_splits,
+    meeting,
+)
 from ibdata.dataset.splits import Splits, with_later
 from ibdata.dataset.stored import Mask, Stored
 from ibdata.dataset.tabular import ColumnStatistics, Described, Table, as_html
@@ -26,27 +34,27 @@ from ibdata.errors import DatasetError, IbdataError, UsageError, printable
 if TYPE_CHECKING:
     import pandas as pd
 
-Some = TypeVar("Some", bound="Episodes")
+Some = TypeVar("Some", bound="SomeEpisodes")
 BLOCK_ROWS = 65_536
 
 # What few look at, after what an episode is.
 PLACED = ("cell", "index", "shard", "row_start", "row_stop", "digest")
 
 
-class Episodes:
+class SomeEpisodes:
     """The episodes of a dataset, or some of them, and what is known of the dataset; see `Dataset`."""
 
     @public
     def __init__(self, path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]) -> None:
         self.mask: Mask | None = None  # whether each episode is one of these; None for all of them
         self.is_by_returns = False  # whether these were chosen by their returns
-        self.chosen_split: Split = None  # the split, or splits, that these are
+        self.chosen_split: SplitArg = None  # the split, or splits, that these are
         if isinstance(path, str | os.PathLike):
             self.stored = Stored.open(existing(path))
             return
         from ibdata.dataset.several import Several  # which most readers do without
 
-        parts = [part if isinstance(part, Episodes) else Episodes(part) for part in path]
+        parts = [part if isinstance(part, SomeEpisodes) else SomeEpisodes(part) for part in path]
         if not parts:
             raise UsageError("path: found an empty list, expected at least one place")
         try:
@@ -148,12 +156,12 @@ class Episodes:
     @public
     def select(
         self: Some,
-        split: Split = None,
+        split: SplitArg = None,
         *,
-        setpoint: Setpoint = None,
-        policy: Policy = None,
-        episodes: Numbers = None,
-        returns: Limits = None,
+        setpoint: SetpointArg = None,
+        policy: PolicyArg = None,
+        episodes: EpisodesArg = None,
+        returns: ReturnsArg = None,
     ) -> Some:
         """The episodes that meet all of these conditions.
 
@@ -200,7 +208,7 @@ class Episodes:
         return behaviour_returns(self._chosen().episode_table, self.stored.info)
 
     @public
-    def statistics(self, split: Split = None) -> ColumnStatistics:
+    def statistics(self, split: SplitArg = None) -> ColumnStatistics:
         """Statistics of the float columns, which are read for all rows and for a declared split.
 
         Those of later splits and of other selections are computed from the rows; quantiles of more than
@@ -231,14 +239,14 @@ class Episodes:
         names = [column.name for column in stored.info.columns if column.dtype.startswith("float")]
         return of_batches(stored.batches_of(self.mask, names, BLOCK_ROWS), names, len(self))
 
-    def _chosen(self: Some, split: Split = None) -> Some:
+    def _chosen(self: Some, split: SplitArg = None) -> Some:
         """The episodes of a split. Raises UsageError if there are none."""
         chosen = self.select(split)
         refuse_empty(chosen)
         return chosen
 
 
-def refuse_empty(dataset: Episodes) -> None:
+def refuse_empty(dataset: SomeEpisodes) -> None:
     """Raise UsageError if there is no episode in it."""
     if dataset.mask is not None and not dataset.mask.any():
         raise UsageError(
@@ -247,7 +255,7 @@ def refuse_empty(dataset: Episodes) -> None:
         )
 
 
-def refuse_by_returns(dataset: Episodes) -> None:
+def refuse_by_returns(dataset: SomeEpisodes) -> None:
     """Raise UsageError if episodes were chosen by their returns, so that chance in them is not fair."""
     if dataset.is_by_returns:
         raise UsageError(
@@ -256,7 +264,7 @@ def refuse_by_returns(dataset: Episodes) -> None:
         )
 
 
-def refuse_selection(dataset: Episodes) -> None:
+def refuse_selection(dataset: SomeEpisodes) -> None:
     """Raise UsageError if it is only some episodes of the dataset."""
     if dataset.mask is not None:
         raise UsageError(f"{dataset.place}: found a selection of its episodes, expected the whole dataset")

@@ -119,7 +119,7 @@ class SplitsFile(RootModel[dict[Name, SplitEntry]]):
     model_config = ConfigDict(strict=True, frozen=True)
 
 
-class Column(JsonObject):
+class ColumnEntry(JsonObject):
     """A column of the rows; a bound is null if there is none."""
 
     name: ColumnName
@@ -141,7 +141,7 @@ class Info(JsonObject):
     drifting: bool
     start: str | Unchecked
     counts: Counts
-    columns: Annotated[list[Column], Field(min_length=1)]
+    columns: Annotated[list[ColumnEntry], Field(min_length=1)]
 
     def names(self, role: str) -> list[str]:
         """The names of the columns of a role."""

@@ -33,7 +33,7 @@ def read(
         return file.read(columns=None if names is None else list(names))
 
 
-def described(files: Storage, path: str) -> tuple[pa.Schema, int]:
+def schema_and_rows(files: Storage, path: str) -> tuple[pa.Schema, int]:
     """The schema and the number of rows of a file. Raises the errors of `read`."""
     with opened(files, path) as file:
         return file.schema_arrow, file.metadata.num_rows

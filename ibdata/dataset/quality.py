@@ -14,6 +14,7 @@ import pyarrow as pa
 from ibdata._numerics.arguments import public
 from ibdata._numerics.arrays import Floats, Ints
 from ibdata.dataset.dataset import Place, opened
+from ibdata.dataset.episodes import BLOCK_ROWS
 from ibdata.dataset.models import Info
 from ibdata.dataset.reference_returns import EXPERT, scale_of
 from ibdata.dataset.tabular import Table, Tabular
@@ -22,7 +23,6 @@ from ibdata.views.options import ACTIONS
 
 STEERINGS = ("obs_velocity", "obs_gain", "obs_shift")
 DENSITY = "action_log_prob"
-BATCH_ROWS = 65_536
 LEAST_ROWS = 10  # of a cell; the standard deviation of fewer is too small on average
 SETPOINT_WIDTH, SETPOINT_BINS = 5.0, 21  # intervals, which begin at 0, 5 … 100
 STEERING_WIDTH, STEERING_BINS = 10.0, 10  # of velocity, gain and shift; 100 belongs to the last interval
@@ -90,7 +90,7 @@ def quality(ds: Place, split: str | Sequence[str] | None = None) -> Quality:
     """
     selection = opened(ds).select(split)
     names = ["obs_setpoint", *STEERINGS, *ACTIONS, DENSITY, "step", "terminated", "truncated"]
-    batches, episodes = selection.iter_batches(names, batch_rows=BATCH_ROWS), selection.episode_table
+    batches, episodes = selection.iter_batches(names, batch_rows=BLOCK_ROWS), selection.episode_table
     coverage, stochasticity, entropies = Coverage(), Stochasticity(), []
     rows = 0
     for table in whole_episodes(batches, selection.place):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ibdata._numerics.arrays import Ints
-from ibdata._numerics.confidence import estimate
+from ibdata._numerics.confidence import mean_estimate
 from ibdata._numerics.naming import decimal
 from ibdata.dataset.models import Info
 from ibdata.dataset.reference_returns import scale_of
@@ -21,7 +21,7 @@ from ibdata.dataset.tabular import Table
 Objects = npt.NDArray[np.object_]
 
 
-class Result(TypedDict):
+class ReturnsOf(TypedDict):
     """The returns of a policy at a setpoint."""
 
     policy: str
@@ -40,7 +40,7 @@ class Result(TypedDict):
 class Returns(TypedDict):
     """The results, and the meaning of their scores; None if there is no reference."""
 
-    results: list[Result]
+    results: list[ReturnsOf]
     scale: str | None
 
 
@@ -77,9 +77,9 @@ def behaviour_returns(episodes: pa.Table, info: Info) -> Returns:
     )
     cells = np.array(episodes["cell"].to_pylist(), dtype=object)
     scales = {steps: scale_of(info, steps) for steps in np.unique(lengths).tolist()}
-    results: list[Result] = []
+    results: list[ReturnsOf] = []
     for numbers in _of_equal(cells, lengths):
-        estimated, first = estimate([returns[numbers]]), numbers[0]
+        estimated, first = mean_estimate([returns[numbers]]), numbers[0]
         setpoint, steps = decimal(setpoints[first]), int(lengths[first])
         scale, error = scales[steps], estimated.standard_error
         ends = scale.ends([setpoint]) if scale else None
@@ -113,13 +113,13 @@ def _of_equal(cells: Objects, lengths: Ints) -> list[Ints]:
     return [np.concatenate(parts) for parts in runs.values()]
 
 
-def averages(results: Sequence[Result]) -> list[Average]:
+def averages(results: Sequence[ReturnsOf]) -> list[Average]:
     """The returns of each policy, and of all policies if there are several whose episodes are equally long.
 
     Means and scores are those of the setpoints, averaged. A standard error is None if a setpoint has none, a
     score is None if a setpoint has none.
     """
-    by_policy: dict[tuple[str, int], list[Result]] = {}
+    by_policy: dict[tuple[str, int], list[ReturnsOf]] = {}
     for result in results:
         by_policy.setdefault((result["policy"], result["steps"]), []).append(result)
     averages_by_policy = [_average(policy, part) for (policy, _), part in by_policy.items()]
@@ -128,7 +128,7 @@ def averages(results: Sequence[Result]) -> list[Average]:
     return averages_by_policy
 
 
-def _average(policy: str | None, results: Sequence[Result]) -> Average:
+def _average(policy: str | None, results: Sequence[ReturnsOf]) -> Average:
     at: dict[float, list[Any]] = {}
     for result in results:
         at.setdefault(result["setpoint"], []).append(result)

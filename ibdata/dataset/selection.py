@@ -18,7 +18,7 @@ from ibdata.dataset.stored import Mask, Stored
 from ibdata.errors import UsageError, excerpt, suggestion
 
 
-def whole(what: str, value: Any) -> Ints:
+def whole_numbers(what: str, value: Any) -> Ints:
     """Whole numbers (n,) from a number or an array, which may be empty."""
     numbers = np.asarray(value)
     if numbers.size == 0:
@@ -28,21 +28,23 @@ def whole(what: str, value: Any) -> Ints:
     return np.atleast_1d(numbers).astype(np.int64)
 
 
-def within(what: str, value: Any, count: int) -> Ints:
+def numbers_within(what: str, value: Any, count: int) -> Ints:
     """Whole numbers (n,) from 0 to count - 1."""
-    numbers = whole(what, value)
+    numbers = whole_numbers(what, value)
     wrong = (numbers < 0) | (numbers >= count)
     if wrong.any():
         raise UsageError(f"{what}: found {numbers[np.argmax(wrong)]}, expected one of 0 to {count - 1}")
     return numbers
 
 
-Columns = Sequence[str] | None
-Split = str | Sequence[str] | None
-Setpoint = float | Sequence[float] | npt.NDArray[Any] | None
-Policy = str | Sequence[str] | None
-Numbers = int | Sequence[int] | npt.NDArray[Any] | None  # of episodes
-Limits = tuple[float | None, float | None] | None  # the lowest and the highest; None where there is no limit
+ColumnsArg = Sequence[str] | None
+SplitArg = str | Sequence[str] | None
+SetpointArg = float | Sequence[float] | npt.NDArray[Any] | None
+PolicyArg = str | Sequence[str] | None
+EpisodesArg = int | Sequence[int] | npt.NDArray[Any] | None  # of episodes
+ReturnsArg = (
+    tuple[float | None, float | None] | None
+)  # the lowest and the highest; None where there is no limit
 MOST_NAMES = 40  # in a message
 
 
@@ -72,7 +74,7 @@ def _shown(value: Any) -> str:
     return exact(value) if isinstance(value, Real) else repr(value)
 
 
-def checked_columns(columns: Columns, info: Info) -> list[str]:
+def checked_columns(columns: ColumnsArg, info: Info) -> list[str]:
     """Names of columns of the dataset, by default all. Raises UsageError for one that it does not have."""
     known = [column.name for column in info.columns]
     if columns is None:
@@ -82,7 +84,7 @@ def checked_columns(columns: Columns, info: Info) -> list[str]:
     return known_of("column", columns, known)
 
 
-def refuse_columns(columns: Columns) -> None:
+def refuse_columns(columns: ColumnsArg) -> None:
     """Raise UsageError if columns are named beside a view."""
     if columns is not None:
         raise UsageError("columns: found columns beside a view, which has its own; leave one out")
@@ -116,7 +118,12 @@ def checked_history(history: int, pad: str) -> bool:
 
 
 def meeting(
-    stored: Stored, split: Split, setpoint: Setpoint, policy: Policy, numbers: Numbers, returns: Limits
+    stored: Stored,
+    split: SplitArg,
+    setpoint: SetpointArg,
+    policy: PolicyArg,
+    numbers: EpisodesArg,
+    returns: ReturnsArg,
 ) -> Mask:
     """Whether each episode of a dataset meets all conditions that are not None.
 
@@ -138,7 +145,7 @@ def meeting(
         places = [names.index(name) for name in known_of("policy", policy, names)]
         mask &= np.isin(labels.indices.to_numpy(), places)
     if numbers is not None:
-        chosen = np.bincount(within("episodes", numbers, len(table)), minlength=len(table))
+        chosen = np.bincount(numbers_within("episodes", numbers, len(table)), minlength=len(table))
         if chosen.max() > 1:
             raise UsageError(
                 f"episodes: found {chosen.argmax()} {chosen.max()} times, expected each number once; for a "
@@ -161,7 +168,7 @@ def in_splits(stored: Stored, splits: Sequence[str]) -> Mask:
     return mask
 
 
-def _known_splits(stored: Stored, split: Split) -> list[str]:
+def _known_splits(stored: Stored, split: SplitArg) -> list[str]:
     """One or several splits as a list. Raises UsageError for one that the dataset does not have."""
     if not stored.splits:
         raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")

@@ -119,10 +119,10 @@ def of_batches(batches: Iterable[Any], names: Sequence[str], rows: int) -> dict[
     statistics = RowStatistics(rows, rows)
     for batch in batches:
         statistics.add(np.stack([column.to_numpy() for column in batch.columns]))
-    return described(names, statistics.moments, [statistics.sample], [rows])
+    return statistics_of_columns(names, statistics.moments, [statistics.sample], [rows])
 
 
-def described(
+def statistics_of_columns(
     names: Sequence[str], parts: Moments, samples: list[Matrix], rows: list[int]
 ) -> dict[str, Statistic]:
     """Count, mean, std (of the population), min, max and quantiles of each column, as plain numbers.

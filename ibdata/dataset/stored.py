@@ -31,9 +31,9 @@ from ibdata.errors import BusyError, DatasetError, UsageError, excerpt, reason
 
 Mask = npt.NDArray[np.bool_]  # whether each episode of a dataset is one of some
 Runs = list[tuple[int, int]]
-INFO = "meta/dataset.json"
-STATISTICS = "meta/statistics.json"
-EPISODES = "meta/episodes.table"  # Parquet, which no reader of DIR/**/*.parquet takes for rows
+INFO_PATH = "meta/dataset.json"
+STATISTICS_PATH = "meta/statistics.json"
+EPISODES_PATH = "meta/episodes.table"  # Parquet, which no reader of DIR/**/*.parquet takes for rows
 _EPISODE_SCHEMA = pa.schema(
     [
         ("episode", pa.int64()),
@@ -120,22 +120,22 @@ class Stored:
     @cached_property
     def info(self) -> Info:
         """meta/dataset.json: columns with roles, units and bounds; counts."""
-        return self.json(INFO, Info)
+        return self.json(INFO_PATH, Info)
 
     @cached_property
     def statistics(self) -> Statistics:
         """meta/statistics.json: those of all rows and of the declared splits."""
-        return self.json(STATISTICS, Statistics)
+        return self.json(STATISTICS_PATH, Statistics)
 
     @cached_property
     def episodes(self) -> pa.Table:
         """meta/episodes.table: a row for each episode; of the splits, the declared ones."""
-        data, episodes = self.read(EPISODES), self.manifest.shards[-1].episodes[1]
-        table = parquet.read(self.storage, EPISODES, _EPISODE_SCHEMA.names, rows=episodes, data=data)
+        data, episodes = self.read(EPISODES_PATH), self.manifest.shards[-1].episodes[1]
+        table = parquet.read(self.storage, EPISODES_PATH, _EPISODE_SCHEMA.names, rows=episodes, data=data)
         known = table.schema in map(episode_schema, SETPOINT_TYPES)
         if not known or any(column.null_count for column in table.columns):
             problem = "found other columns than ibdata writes; see ibdata validate"
-            raise self.storage.error(EPISODES, problem)
+            raise self.storage.error(EPISODES_PATH, problem)
         return table
 
     @property

@@ -19,7 +19,7 @@ from ibdata.views.rewards import scaled
 
 INDICES = ("episode", "step", "terminated", "truncated")
 EXPERT = tuple(f"expert_{name}" for name in ACTIONS)
-COSTS = ("obs_consumption", "obs_fatigue")  # of which rewards are made
+PAID_BY_COLUMNS = ("obs_consumption", "obs_fatigue")  # of which rewards are made
 NEXT_COSTS = ("next_obs_consumption", "next_obs_fatigue")
 
 
@@ -125,7 +125,7 @@ def needed(info: Info, options: ViewOptions) -> list[str]:
                 f"{option}: found {name}, expected columns of the dataset, which has no such values; "
                 "choose others, or generate it with another output: latent"
             )
-    costs = () if options.reward.kind == "classic" else COSTS + NEXT_COSTS
+    costs = () if options.reward.kind == "classic" else PAID_BY_COLUMNS + NEXT_COSTS
     later = [f"next_{name}" for name in names if f"next_{name}" in known]
     more = [column for kind in BESIDE.values() for column in kind.needs(info, options)]
     return list(dict.fromkeys([*INDICES, *names, *later, *ACTIONS, *more, "reward", *costs]))
@@ -228,7 +228,7 @@ def _rewards(table: pa.Table, options: ViewOptions) -> Array:
         return scaled(stored, options.reward_scale)
     before, after = (
         [table[name].to_numpy().astype(np.float32, copy=False) for name in names]
-        for names in (COSTS, NEXT_COSTS)
+        for names in (PAID_BY_COLUMNS, NEXT_COSTS)
     )
     return options.reward.of(before, after, options.reward_scale)
 

@@ -15,7 +15,7 @@ from ibdata.views.variables import FIRST_WHOLE, ROWS, VARIABLES, of_role, rows
 
 NO_DRIFT = -1  # the steps left of a constant setpoint
 (THETA,) = rows("theta_0")  # the first of the ten rows θ[t], θ[t-1] … θ[t-9]
-COSTS = slice(THETA, THETA + 10)
+THETAS = slice(THETA, THETA + 10)
 # The attributes of a state; the ten costs are one array.
 FIELDS = tuple(dict.fromkeys("operational_cost" if name.startswith("theta_") else name for name in VARIABLES))
 SAME_OFFSET = 1e-3  # between consumption offsets, in a state that was rounded to float32
@@ -42,7 +42,7 @@ class State:
 
     def __getattr__(self, name: str) -> npt.NDArray[Any]:
         if name == "operational_cost":
-            return np.moveaxis(self.values[COSTS][::-1], 0, -1)
+            return np.moveaxis(self.values[THETAS][::-1], 0, -1)
         if name not in VARIABLES:
             raise AttributeError(f"a State has no variable {name!r}; it has {', '.join(FIELDS)}")
         row: npt.NDArray[Any] = self.values[rows(name)[0]]

@@ -32,7 +32,7 @@ from ibdata.dynamics.fatigue import (
 from ibdata.dynamics.miscalibration import effective_shift, penalty, update_direction
 from ibdata.dynamics.noise import NOISE_ROWS, Noise, checked_noise
 from ibdata.dynamics.setpoint import D_G, D_H, D_V, drift, steer
-from ibdata.dynamics.state import COSTS, NO_DRIFT, State, checked_state
+from ibdata.dynamics.state import NO_DRIFT, THETAS, State, checked_state
 from ibdata.dynamics.variants import Parameters, Variant, resolve
 from ibdata.views.variables import rows
 
@@ -148,7 +148,7 @@ def _update_fatigue(x: Floats, z: Floats, k: Parameters) -> None:
 def _update_consumption(x: Floats, z: Floats, k: Parameters) -> None:
     """Operational cost, mis-calibration, consumption and reward."""
     n = x.shape[1]
-    costs, theta = x[COSTS], x[THETA_C]  # θ is in the place of θᶜ until that is known
+    costs, theta = x[THETAS], x[THETA_C]  # θ is in the place of θᶜ until that is known
     for i in range(n):
         theta[i] = operational_cost(x[P, i], x[V, i], x[G, i])
     remember(theta, costs)

@@ -24,7 +24,7 @@ AHEAD = 64  # steps of which the integers are computed at once
 _KNOWN: WeakKeyDictionary[Dataset, Addresses] = WeakKeyDictionary()
 
 
-class Noise:
+class RecordedStream:
     """The random integers of an episode's steps, at their addresses, in the order in which a lane takes them.
 
     It stands in for the generator of a lane, and does not end where the episode of the dataset does.
@@ -83,7 +83,7 @@ class Replay(NamedTuple):
             _refuse_other_settings(experiment, settings)
         return cls(addresses, np.broadcast_to(episodes, lanes))
 
-    def begin(self, simulation: Simulation, which: Indices) -> list[Noise]:
+    def begin(self, simulation: Simulation, which: Indices) -> list[RecordedStream]:
         """Begin the episodes of these lanes (k,). Returns the noise of each."""
         from ibdata.experiment.rollout import episodes_of
 
@@ -95,7 +95,7 @@ class Replay(NamedTuple):
             simulation.place(which[positions], carry, self.episodes[which[positions]])
             addresses = zip(positions.tolist(), episodes.index.tolist(), episodes.keys, strict=True)
             for position, index, key in addresses:
-                noise[position] = Noise(index, key, experiment.drifting)
+                noise[position] = RecordedStream(index, key, experiment.drifting)
         return [noise[position] for position in range(len(which))]
 
 

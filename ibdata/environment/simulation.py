@@ -14,7 +14,7 @@ from ibdata._numerics.naming import counted
 from ibdata._numerics.random import Purpose, Raw
 from ibdata._simulation import kernel
 from ibdata._simulation.carry import Carry, begin_lanes
-from ibdata._simulation.episodes import Draw, World, hidden, observed_rows, record_rows, values_of
+from ibdata._simulation.episodes import Draw, World, hidden_variables, observed_rows, record_rows, values_of
 from ibdata.dynamics import State, initial_state
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS
 from ibdata.dynamics.state import checked_state
@@ -27,7 +27,7 @@ from ibdata.views.rewards import scaled
 from ibdata.views.variables import FIRST_WHOLE, ROWS, VARIABLES, variable_of
 
 Indices = npt.NDArray[np.int64]
-COSTS = [OBSERVATION.index("consumption"), OBSERVATION.index("fatigue")]
+PAID_BY_ROWS = [OBSERVATION.index("consumption"), OBSERVATION.index("fatigue")]
 REWARD = ROWS.index("reward")
 
 
@@ -49,7 +49,7 @@ class Simulation:
         self.observed_rows = observed_rows(view, drifting)
         imperfect = view.imperfections.columns
         self._clean = {f"clean_{c}": i for i, c in enumerate(view.columns(drifting)) if c in imperfect}
-        latent = {f"latent_{name}": ROWS.index(name) for name in hidden(drifting)}
+        latent = {f"latent_{name}": ROWS.index(name) for name in hidden_variables(drifting)}
         by_type = sorted(latent, key=lambda name: latent[name] >= FIRST_WHOLE)
         self._latent = {name: by_type.index(name) for name in latent}
         ordered = np.array([latent[name] for name in by_type])
@@ -134,7 +134,9 @@ class Simulation:
 
     def _costs(self, carry: Carry) -> Float32s | None:
         """A copy of consumption and fatigue (2, k), of which other rewards than the classic one are made."""
-        return None if self.settings.view.reward.kind == "classic" else carry.observations[:, 0, COSTS].T
+        return (
+            None if self.settings.view.reward.kind == "classic" else carry.observations[:, 0, PAID_BY_ROWS].T
+        )
 
     def _rewards(self, classic: Floats, before: Float32s | None, after: Float32s | None) -> Floats:
         """The scaled rewards (k,), from the classic ones, or from the costs before and after the step."""
@@ -184,7 +186,7 @@ class Lane(Simulation):
         self._parameters = settings.world.parameters
         is_rewarded_plainly = view.reward.kind == "classic" and view.reward_scale == 1
         self._plain = view.is_classic and is_rewarded_plainly and view.cost is None
-        names = (*hidden(drifting), "reward")
+        names = (*hidden_variables(drifting), "reward")
         self._rows, self._out = record_rows(names), np.zeros(len(names))
         self._types = "".join("q" if VARIABLES[name].whole else "d" for name in names)
 

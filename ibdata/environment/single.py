@@ -11,7 +11,7 @@ from ibdata._numerics.arguments import public
 from ibdata._numerics.random import Purpose, Raw
 from ibdata.dynamics import State
 from ibdata.environment.actions import continuous_action, discrete_action
-from ibdata.environment.replayed import Noise, Replay
+from ibdata.environment.replayed import RecordedStream, Replay
 from ibdata.environment.settings import Fixed, settings
 from ibdata.environment.simulation import Indices, Lane
 from ibdata.environment.spaces import spaces
@@ -60,7 +60,7 @@ class IndustrialBenchmarkEnv(Fixed, gym.Env[Observation, npt.NDArray[np.float32]
         self.observation_space, self.action_space = spaces(chosen)
         self._checked = discrete_action if chosen.discrete_actions else continuous_action
         self._lane = Lane(chosen)
-        self._replayed: Noise | None = None  # in place of np_random
+        self._replayed: RecordedStream | None = None  # in place of np_random
         self._began = False
         self._seen: list[dict[str, float]] = []  # of the episode, for the picture
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.random import Purpose, Raw
-from ibdata.environment.replayed import Noise
+from ibdata.environment.replayed import RecordedStream
 from ibdata.environment.simulation import Indices
 from ibdata.errors import UsageError
 
@@ -43,7 +43,7 @@ class Streams:
 
     def __init__(self, n: int) -> None:
         self.generators = [np.random.default_rng() for _ in range(n)]
-        self._replayed: list[Noise | None] = [None] * n
+        self._replayed: list[RecordedStream | None] = [None] * n
         # Rows 0 … n - 1 are read from the generators, rows n … 2n - 1 from what is replayed instead of them.
         self._rows = np.arange(n)
         self._ahead = np.empty((2 * n, AHEAD), dtype=np.uint64)
@@ -54,7 +54,7 @@ class Streams:
         if seed is not None:
             self.generators[lane], self._at[lane] = np.random.default_rng(seed), AHEAD
 
-    def replay(self, lane: int, noise: Noise) -> None:
+    def replay(self, lane: int, noise: RecordedStream) -> None:
         """Let a lane take these integers, until `resume` leads back to those of its generator."""
         row = lane + len(self.generators)
         self._replayed[lane], self._rows[lane], self._at[row] = noise, row, AHEAD

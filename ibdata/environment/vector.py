@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ibdata._numerics.arguments import public
 from ibdata._numerics.arrays import Bools, Float32s
 from ibdata._numerics.random import Raw
-from ibdata.dataset.selection import checked_length, within
+from ibdata.dataset.selection import checked_length, numbers_within
 from ibdata.dynamics import State
 from ibdata.environment import STEPS
 from ibdata.environment.actions import continuous_actions, discrete_actions
@@ -148,7 +148,7 @@ class IndustrialBenchmarkVectorEnv(Fixed, gym.vector.VectorEnv[Float32s, Float32
         Raises:
             UsageError: It is no such state, or there are no such lanes.
         """
-        which = self._simulation.everyone if lanes is None else within("lanes", lanes, self.num_envs)
+        which = self._simulation.everyone if lanes is None else numbers_within("lanes", lanes, self.num_envs)
         if len(np.unique(which)) < len(which):
             raise UsageError(f"lanes: found {excerpt(lanes)}, expected different ones")
 

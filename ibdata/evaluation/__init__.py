@@ -11,7 +11,7 @@ from ibdata._numerics.arguments import public
 from ibdata._system.memory import refuse_too_much
 from ibdata._system.progress import bar
 from ibdata.errors import UsageError
-from ibdata.evaluation.algorithms import CLAIM, KNOWN, YOURS, Group, algorithms_of
+from ibdata.evaluation.algorithms import CLAIM, KNOWN, YOURS, LineReturns, algorithms_of
 from ibdata.evaluation.baselines import DEFAULTS, NO_CHANGE, Against, baselines_of, form_of
 from ibdata.evaluation.play import RETURN_BYTES, Played, checked_discount, play
 from ibdata.evaluation.policies import data_notes, is_trained, policies_of
@@ -126,10 +126,10 @@ def evaluate(
     yours, returns = [], iter(of_policies.discounted)
     for label, of_label in members.items():
         of_group = np.array([next(returns) for _ in of_label])
-        yours.append(Group(label, YOURS, any(map(is_trained, of_label.values())), of_group))
+        yours.append(LineReturns(label, YOURS, any(map(is_trained, of_label.values())), of_group))
         all_notes += data_notes(label, list(of_label.values()), baselines.set)
     again = dict(zip(kinds, at_references, strict=True))
-    others = [Group(kind, KNOWN, False, of_kind[None]) for kind, of_kind in again.items()]
+    others = [LineReturns(kind, KNOWN, False, of_kind[None]) for kind, of_kind in again.items()]
     others += baselines.lines(again)
     sources = list(dict.fromkeys(group.source for group in others))
     others.sort(key=lambda group: sources.index(group.source))

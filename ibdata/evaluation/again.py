@@ -18,7 +18,7 @@ from ibdata.evaluation.algorithms import Algorithm, printed
 from ibdata.evaluation.baselines import DEFAULTS
 from ibdata.evaluation.policies import block_policy
 from ibdata.evaluation.results import Evaluation
-from ibdata.evaluation.saving import LAYOUT, content_root, sha256_of
+from ibdata.evaluation.saving import TABLE_LAYOUT, set_root, sha256_of
 from ibdata.experiment.scenario import scenario_of
 from ibdata.policies import Policy
 from ibdata.policies.user_object import Custom, ObjectPolicy
@@ -81,7 +81,7 @@ def _read(path: Path) -> _Saved:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         problem = printable(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
-        raise UsageError(f"{path}: {problem}; expected a file of layout {LAYOUT}") from None
+        raise UsageError(f"{path}: {problem}; expected a file of layout {TABLE_LAYOUT}") from None
 
 
 def _weights(path: Path, names: Mapping[str, str], places: Sequence[Path]) -> dict[str, Weights]:
@@ -130,7 +130,7 @@ def _mappings(value: Any) -> Iterator[dict[str, Any]]:
 
 
 def _problems(saved: _Saved, recorded: Sequence[_Recorded], found: Evaluation) -> Iterator[str]:
-    if (root := content_root(found)) != saved.content_root:
+    if (root := set_root(found)) != saved.content_root:
         yield f"content root: found {root}, expected {saved.content_root}"
     members = [pair for policies in found.groups.values() for pair in policies.items()]
     only_code_differs = False

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ibdata._numerics.arrays import Floats
-from ibdata._numerics.confidence import Estimate, estimate, t_quantile
+from ibdata._numerics.confidence import MeanEstimate, mean_estimate, t_quantile
 from ibdata.dataset.reference_returns import HUNDRED
 from ibdata.dataset.tabular import Number, Table
 
@@ -19,7 +19,7 @@ ENDS = ("lowest", "highest")
 YOURS, KNOWN = "yours", "known"  # sources of lines
 
 
-class Group(NamedTuple):
+class LineReturns(NamedTuple):
     """The returns of the policies of a line: one for each training, or one that is known."""
 
     label: str
@@ -27,7 +27,7 @@ class Group(NamedTuple):
     is_trained: bool
     returns: Floats  # (trainings, setpoints, episodes); no training if all failed
 
-    def at(self, columns: Sequence[int]) -> Group:
+    def at(self, columns: Sequence[int]) -> LineReturns:
         """The returns at some of the setpoints."""
         return self._replace(returns=self.returns[:, columns])
 
@@ -83,7 +83,9 @@ class Difference(NamedTuple):
     interval: tuple[float, float] | None
 
 
-def estimated(policy: Group, minus: Group | None = None, of_algorithms: bool = True) -> Estimate:
+def estimated(
+    policy: LineReturns, minus: LineReturns | None = None, of_algorithms: bool = True
+) -> MeanEstimate:
     """The mean return of a line, or its difference from another, with the error over the episodes.
 
     The interval is for new trainings and new episodes (MOVER, Zou & Donner 2008): the squares of the
@@ -93,21 +95,21 @@ def estimated(policy: Group, minus: Group | None = None, of_algorithms: bool = T
     lines = [policy, *([minus] if minus else [])]
     over_trainings = [line.returns.mean(axis=0) for line in lines]
     values = over_trainings[0] - (over_trainings[1] if minus else 0.0)
-    mean, error, interval = estimate(list(values))
+    mean, error, interval = mean_estimate(list(values))
     if interval is None or (of_algorithms and any(x.is_trained and len(x.returns) == 1 for x in lines)):
-        return Estimate(mean, error, None)
+        return MeanEstimate(mean, error, None)
     halves = [
         t_quantile(len(line.returns) - 1) * float(line.means.std(ddof=1)) / math.sqrt(len(line.returns))
         for line in lines
         if len(line.returns) > 1
     ]
     if not halves:
-        return Estimate(mean, error, interval)
+        return MeanEstimate(mean, error, interval)
     half = math.hypot(interval[1] - mean, *halves)
-    return Estimate(mean, error, (mean - half, mean + half))
+    return MeanEstimate(mean, error, (mean - half, mean + half))
 
 
-def parts_of(setpoints: Sequence[float]) -> Iterator[tuple[float | None, list[int]]]:
+def columns_by_setpoint(setpoints: Sequence[float]) -> Iterator[tuple[float | None, list[int]]]:
     """Each setpoint with its column and, if there are several, all of them (None)."""
     yield from ((setpoint, [column]) for column, setpoint in enumerate(setpoints))
     if len(setpoints) > 1:
@@ -115,7 +117,7 @@ def parts_of(setpoints: Sequence[float]) -> Iterator[tuple[float | None, list[in
 
 
 def algorithms_of(
-    groups: Sequence[Group], setpoints: Sequence[float], scores: Sequence[Mapping[float | None, Any]]
+    groups: Sequence[LineReturns], setpoints: Sequence[float], scores: Sequence[Mapping[float | None, Any]]
 ) -> list[Algorithm]:
     """The lines of all groups, at each setpoint and, if there are several, over all.
 
@@ -125,7 +127,7 @@ def algorithms_of(
     lines = []
     for group, by_setpoint in zip(groups, scores, strict=True):
         seeds = len(group.returns) if group.is_trained else None
-        for setpoint, columns in parts_of(setpoints):
+        for setpoint, columns in columns_by_setpoint(setpoints):
             name = group.label, group.source, setpoint, seeds
             if not len(group.returns):
                 lines.append(Algorithm(*name, *[None] * 11))
@@ -144,7 +146,7 @@ def algorithms_of(
     return lines
 
 
-def _half(found: Estimate) -> float | None:
+def _half(found: MeanEstimate) -> float | None:
     return None if found.interval is None else (found.interval[1] - found.interval[0]) / 2.0
 
 

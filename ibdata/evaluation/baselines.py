@@ -14,12 +14,12 @@ import numpy as np
 
 from ibdata._numerics.arguments import public
 from ibdata._numerics.arrays import Floats
-from ibdata._numerics.confidence import estimate
+from ibdata._numerics.confidence import mean_estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.models import JsonObject, Sha256
 from ibdata.errors import UsageError, parameter
 from ibdata.evaluation.algorithms import BEHAVIOUR as BEHAVIOUR
-from ibdata.evaluation.algorithms import KNOWN, Group
+from ibdata.evaluation.algorithms import KNOWN, LineReturns
 from ibdata.experiment.catalogue import full_name
 from ibdata.experiment.scenario import scenario_of
 from ibdata.views.options import ViewOptions
@@ -112,7 +112,7 @@ def measured(settings: Mapping[str, Any], returns: Floats | None, failure: str |
         return Evaluated(**settings, failure=failure)
     kept = returns.astype("<f4")
     values = kept.astype(np.float64)
-    mean, error, _ = estimate(list(values))
+    mean, error, _ = mean_estimate(list(values))
     return Evaluated(
         **settings,
         mean_return=mean,
@@ -194,7 +194,7 @@ class Against(NamedTuple):
         """The settings of the evaluation, as a line."""
         return f"{f'against {self.set}: ' if self.set else ''}{_text(form_of(settings))}"
 
-    def lines(self, played: Iterable[str]) -> Iterator[Group]:
+    def lines(self, played: Iterable[str]) -> Iterator[LineReturns]:
         """What is stored: the known policies, without those that were played again, and the algorithms."""
         runs: dict[tuple[str, str, bool], list[Floats]] = {}
         for line, evaluated in self.evaluated:
@@ -205,7 +205,7 @@ class Against(NamedTuple):
             label, _, without = algorithm.partition(" ")
             source = f"{trained_on} {without}".strip() if is_trained else KNOWN
             if is_trained or algorithm not in {IN_FILES, *played}:
-                yield Group(label, source, is_trained, np.array(returns))
+                yield LineReturns(label, source, is_trained, np.array(returns))
 
 
 def baselines_of(name: str, chosen: Mapping[str, Any], view: ViewOptions) -> Against:

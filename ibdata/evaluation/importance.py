@@ -11,15 +11,21 @@ import numpy as np
 
 from ibdata._numerics.arguments import public
 from ibdata._numerics.arrays import Floats, Ints
-from ibdata._numerics.confidence import estimate
+from ibdata._numerics.confidence import mean_estimate
 from ibdata.dataset.dataset import Place, opened
 from ibdata.dataset.episodes import refuse_by_returns, refuse_empty
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError
-from ibdata.evaluation.overlap import Ratios, log_ratios, parts_of, recorded_in, refuse_remembered_draws
+from ibdata.evaluation.overlap import (
+    Ratios,
+    log_ratios,
+    parts_by_policy,
+    recorded_in,
+    refuse_remembered_draws,
+)
 from ibdata.evaluation.play import checked_discount
 from ibdata.evaluation.policies import as_policy, loaded
-from ibdata.evaluation.states import Source
+from ibdata.evaluation.states import Replayable
 from ibdata.experiment.code import consented_spec, refuse_changed
 from ibdata.policies.user_object import UserObject
 
@@ -140,10 +146,10 @@ def importance(
     refuse_empty(selection)
     refuse_by_returns(selection)
     stored = selection.stored
-    source = Source(stored, consented_spec(stored, allow_code))
+    source = Replayable(stored, consented_spec(stored, allow_code))
     episodes = np.flatnonzero(selection.inside)
     steps = _horizon(steps, source.lengths[episodes])
-    parts = list(parts_of(source, episodes, steps))
+    parts = list(parts_by_policy(source, episodes, steps))
     behaviours = {id(part.behaviour): part.behaviour for part in parts}
     ratios, rewards = Ratios(*np.empty((2, len(episodes), steps))), np.empty((len(episodes), steps))
     with loaded([evaluated, *behaviours.values()]) as [evaluated, *acting]:
@@ -188,10 +194,10 @@ def of_ratios(label: str, ratios: Ratios, rewards: Floats, discount: float) -> I
     is_finite = bool(np.isfinite(weights).all())
     estimates = (
         _weighted(relative, paid),
-        estimate([(weights * paid).sum(axis=1)]) if is_finite else NONE,
-        estimate([weights[:, -1] * paid.sum(axis=1)]) if is_finite else NONE,
+        mean_estimate([(weights * paid).sum(axis=1)]) if is_finite else NONE,
+        mean_estimate([weights[:, -1] * paid.sum(axis=1)]) if is_finite else NONE,
     )
-    mean, error, _ = estimate([weights[:, -1]]) if is_finite else (math.inf, None, None)
+    mean, error, _ = mean_estimate([weights[:, -1]]) if is_finite else (math.inf, None, None)
     results = [
         Estimated(method, *values, mean, error, float(effective[-1]))
         for method, values in zip(METHODS, estimates, strict=True)
@@ -241,7 +247,7 @@ def _weighted(weights: Floats, paid: Floats) -> tuple[float | None, float | None
         return None, None, None
     shares = weights / means
     expected = (shares * paid).mean(axis=0)
-    return estimate([expected.sum() + (shares * (paid - expected)).sum(axis=1)])
+    return mean_estimate([expected.sum() + (shares * (paid - expected)).sum(axis=1)])
 
 
 def notes_on_mean_weights(ratios: Ratios, weights: Floats) -> list[str]:

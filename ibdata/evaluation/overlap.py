@@ -12,7 +12,7 @@ from ibdata._numerics.random import Purpose
 from ibdata._simulation.episodes import Episodes, draw_uniforms
 from ibdata._simulation.replay import replay
 from ibdata.errors import UsageError
-from ibdata.evaluation.states import Source
+from ibdata.evaluation.states import Replayable
 from ibdata.experiment import Experiment
 from ibdata.experiment.rollout import PART_ROWS, episodes_of
 from ibdata.policies import Policy
@@ -45,7 +45,7 @@ class Part(NamedTuple):
         return policy
 
 
-def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
+def parts_by_policy(source: Replayable, episodes: Ints, steps: int) -> Iterator[Part]:
     """Divide episodes (n,) into parts of bounded memory, those of a policy alike in size."""
     most = max(1, PART_ROWS // steps)
     for experiment, positions, numbers in source.by_experiment(episodes):
@@ -56,7 +56,7 @@ def parts_of(source: Source, episodes: Ints, steps: int) -> Iterator[Part]:
                 yield Part(experiment, numbers[some], positions[some])
 
 
-def recorded_in(source: Source, episodes: Ints, steps: int) -> tuple[Recorded, Floats, Floats]:
+def recorded_in(source: Replayable, episodes: Ints, steps: int) -> tuple[Recorded, Floats, Floats]:
     """What was seen and done in the first steps of episodes, and the rewards and log densities (n, steps)."""
     info = source.stored.info
     observed, acted = info.names("observation"), info.names("action")

@@ -21,7 +21,7 @@ from ibdata.policies import Observed
 from ibdata.policies.distributions import read_only
 from ibdata.policies.user_object import ObjectPolicy
 from ibdata.views.options import PLAIN, ViewOptions, Window
-from ibdata.views.rewards import COSTS, scaled
+from ibdata.views.rewards import PAID_BY, scaled
 from ibdata.views.variables import variable_of
 
 RETURN_BYTES = 16  # least memory per episode, for two sums
@@ -81,7 +81,7 @@ def play(
 
 def rewarded(view: ViewOptions) -> list[str]:
     """The variables of which rewards are made, and then those of which costs are made."""
-    rewards = ["reward"] if view.reward.kind == "classic" else list(COSTS)
+    rewards = ["reward"] if view.reward.kind == "classic" else list(PAID_BY)
     return [*rewards, *(map(variable_of, view.cost.variables) if view.cost else [])]
 
 
@@ -99,7 +99,7 @@ def returns_of(
 ) -> Returns:
     """The returns of episodes. The blocks record what is `rewarded` by the view."""
     discounted, undiscounted, costs, weight, clipped = np.zeros(()), np.zeros(()), np.zeros(()), 1.0, 0
-    kept = 1 if view.reward.kind == "classic" else len(COSTS)
+    kept = 1 if view.reward.kind == "classic" else len(PAID_BY)
     for block in blocks:
         clipped += block.clipped
         for reward in rewards_of(block.record[:kept], view):

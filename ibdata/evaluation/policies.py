@@ -24,7 +24,7 @@ from ibdata.experiment.yaml import Document, StrictYamlError
 from ibdata.policies import NAMED, OBSERVATION, AnyPolicy, Policy
 from ibdata.policies.adapter import EXPECTED, has_needs
 from ibdata.policies.base import SETPOINT
-from ibdata.policies.checked import EPISODES, histories, played
+from ibdata.policies.checked import TRIED_EPISODES, histories, played
 from ibdata.policies.code import Acting
 from ibdata.policies.compound import block_of, is_foreign
 from ibdata.policies.libraries import far_notes, owner_of, scaling_of
@@ -264,7 +264,7 @@ def setpoint_notes(policy: Policy, scenario: Scenario, view: ViewOptions = PLAIN
     columns, at = len(frame), frame.index(OBSERVED[SETPOINT])
     far = [note for scaling in _scalings(policy) for note in far_notes(scaling, setpoints, columns, at)]
     yield from far
-    differences = {} if far else {p: _difference(policy, p, EPISODES, columns, at) for p in setpoints}
+    differences = {} if far else {p: _difference(policy, p, TRIED_EPISODES, columns, at) for p in setpoints}
     if any(difference <= 2.0 * ALIKE for difference in differences.values()):  # actions are in [-1, 1]
         everywhere = [_difference(policy, p, FEW, columns, at) for p in range(101)]
         least = ALIKE * max(everywhere)

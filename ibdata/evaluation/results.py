@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ibdata._numerics.arrays import Floats
-from ibdata._numerics.confidence import estimate
+from ibdata._numerics.confidence import mean_estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED, ZERO
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.evaluation.algorithms import (
     Algorithm,
-    Group,
+    LineReturns,
+    columns_by_setpoint,
     differences_printed,
     estimated,
-    parts_of,
     printed,
 )
 from ibdata.evaluation.algorithms import Difference as Difference
@@ -177,19 +177,22 @@ def results_of(
     results = []
     for i, label in enumerate(labels):
         returns, rewards, clipped = played.discounted[i], played.undiscounted[i], played.clipped[i]
-        for p, columns in parts_of(setpoints):
+        for p, columns in columns_by_setpoint(setpoints):
             score = overall([scored[i][column] for column in columns]) if p is None else scored[i][columns[0]]
             values = list(returns[columns])
-            p10, reward = float(np.quantile(values, 0.1)), estimate(list(rewards[columns] / steps)).mean
+            p10, reward = float(np.quantile(values, 0.1)), mean_estimate(list(rewards[columns] / steps)).mean
             size, share = returns[columns].size, float(clipped[columns].mean())
             costs = played.costs[i, columns]
-            over = [] if budget is None else [*estimate(list(costs))[:2], float((costs > budget).mean())]
-            results.append(Result(label, p, size, *estimate(values), p10, reward, *score, share, *over))
+            over = [] if budget is None else [*mean_estimate(list(costs))[:2], float((costs > budget).mean())]
+            results.append(Result(label, p, size, *mean_estimate(values), p10, reward, *score, share, *over))
     return results
 
 
 def differences_of(
-    groups: Sequence[Group], others: Sequence[Group], setpoints: Sequence[float], of_algorithms: bool
+    groups: Sequence[LineReturns],
+    others: Sequence[LineReturns],
+    setpoints: Sequence[float],
+    of_algorithms: bool,
 ) -> list[Difference]:
     """The differences of every two groups, and of each from the others, at each setpoint and over all."""
     pairs = [(b, a, a.label) for a, b in combinations(groups, 2)]
@@ -202,7 +205,7 @@ def differences_of(
     return [
         Difference(policy.label, name, p, *estimated(policy.at(columns), minus.at(columns), of_algorithms))
         for policy, minus, name in pairs
-        for p, columns in parts_of(setpoints)
+        for p, columns in columns_by_setpoint(setpoints)
     ]
 
 
@@ -266,10 +269,12 @@ def overall(at_setpoints: Sequence[Scores]) -> Scores:
     )
 
 
-def mean_scores(group: Group, setpoints: Sequence[float], references: Floats) -> dict[float | None, Any]:
+def mean_scores(
+    group: LineReturns, setpoints: Sequence[float], references: Floats
+) -> dict[float | None, Any]:
     """The mean score of the trainings of a line, by setpoint; None over all of them."""
     by_training, found = scores(group.returns, references), {}
-    for p, columns in parts_of(setpoints):
+    for p, columns in columns_by_setpoint(setpoints):
         each = [overall([row[column] for column in columns]).score for row in by_training]
         known = [score for score in each if score is not None]
         found[p] = math.fsum(known) / len(known) if known and len(known) == len(each) else None
@@ -279,11 +284,11 @@ def mean_scores(group: Group, setpoints: Sequence[float], references: Floats) ->
 def _between(returns: Floats, low: Floats, high: Floats) -> tuple[float | None, float | None]:
     """The score of returns (n,) and its standard error, that of a ratio of paired means (delta method)."""
     gain, range_ = returns - low, high - low
-    mean, error, _ = estimate([range_])
+    mean, error, _ = mean_estimate([range_])
     if mean <= CLEARLY * (error or 0.0):
         return None, None
-    share = estimate([gain]).mean / mean
-    residual = estimate([gain - share * range_]).standard_error
+    share = mean_estimate([gain]).mean / mean
+    residual = mean_estimate([gain - share * range_]).standard_error
     return 100.0 * share, None if residual is None else 100.0 * residual / mean
 
 

@@ -23,7 +23,7 @@ from ibdata.dynamics import State
 from ibdata.dynamics.state import checked_state
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.play import rewarded, rewards_of
-from ibdata.evaluation.states import WATCHER, Source
+from ibdata.evaluation.states import WATCHER, Replayable
 from ibdata.experiment.rollout import episodes_of
 from ibdata.experiment.scenario import scenario_of
 from ibdata.policies.distributions import finite_actions
@@ -177,7 +177,7 @@ def rollouts(
 
 def _before_rows(ds: Any, rows: Any, noise: int | str, view: ViewOptions) -> Lanes:
     """Lanes before rows of a dataset, of which the rows before were seen."""
-    source = Source(whole_dataset(ds).stored)
+    source = Replayable(whole_dataset(ds).stored)
     episodes, steps = source.episodes_and_steps(rows)
     n, times = len(episodes), 1 + (int(steps.max()) if view.imperfections.missing else _delay(view))
     refuse_too_much("rows", State.zeros(1).values.nbytes * n * times)

@@ -22,7 +22,7 @@ from ibdata.version import __version__
 if TYPE_CHECKING:
     from ibdata.evaluation.results import Evaluation
 
-LAYOUT = "ibdata-table-1"
+TABLE_LAYOUT = "ibdata-table-1"
 TEXT = {character: f"\\{character}" for character in "&%_#${}"}
 TEXT |= {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 NUMBER = {"-": "$-$", "±": r"$\pm$", "–": "--"}  # the hyphen of a label stays
@@ -90,11 +90,16 @@ def _json(found: Evaluation) -> str:
         ]
         for label, members in found.groups.items()
     }
-    record = {"layout": LAYOUT, "version": __version__, "content_root": content_root(found), "groups": groups}
+    record = {
+        "layout": TABLE_LAYOUT,
+        "version": __version__,
+        "content_root": set_root(found),
+        "groups": groups,
+    }
     return json.dumps({**record, "settings": found.settings, **found.plain()}, indent=1, allow_nan=False)
 
 
-def content_root(found: Evaluation) -> str | None:
+def set_root(found: Evaluation) -> str | None:
     """The content root of the shipped set with whose results an evaluation is compared."""
     name = found.settings["against"]
     roots: dict[str, dict[str, str]] = json.loads(canonical_file().read_text(encoding="utf-8"))

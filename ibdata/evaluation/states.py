@@ -10,10 +10,11 @@ import numpy as np
 from ibdata._numerics.arguments import public
 from ibdata._numerics.arrays import Float32s, Ints
 from ibdata._simulation.carry import Carry, begin
-from ibdata._simulation.episodes import Table
+from ibdata._simulation.episodes import FloatTable
 from ibdata._simulation.unroll import unroll
 from ibdata.dataset.dataset import Place, whole_dataset
-from ibdata.dataset.selection import whole, within
+from ibdata.dataset.episodes import BLOCK_ROWS
+from ibdata.dataset.selection import numbers_within, whole_numbers
 from ibdata.dataset.stored import Stored
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError, excerpt
@@ -37,7 +38,7 @@ class Addresses:
 
     def episodes(self, numbers: Any) -> Ints:
         """Numbers of episodes as an array (n,). Raises UsageError if the dataset has no such episode."""
-        return within("episode", numbers, len(self.lengths))
+        return numbers_within("episode", numbers, len(self.lengths))
 
     def by_experiment(self, episodes: Ints) -> Iterator[tuple[Experiment, Ints, Ints]]:
         """Group episodes (n,): yield an experiment, and the positions and numbers in it of its episodes."""
@@ -49,7 +50,6 @@ class Addresses:
             yield self._spec.experiments[i], positions, episodes[positions] - offsets[positions]
 
 
-BATCH_ROWS = 65_536
 WATCHER = Constant()  # a policy that is never asked, where all actions are given
 
 
@@ -76,7 +76,7 @@ def state_at(ds: Place, rows: Any) -> State:
         UsageError: There is no such row.
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
-    source = Source(whole_dataset(ds).stored)
+    source = Replayable(whole_dataset(ds).stored)
     episodes, steps = source.episodes_and_steps(rows)
     return source.carries_at(episodes, steps).state
 
@@ -98,7 +98,7 @@ class Batch(NamedTuple):
         return counts
 
 
-class Source(Addresses):
+class Replayable(Addresses):
     """A dataset whose rows can be simulated again. Raises DatasetError if this ibdata cannot do that."""
 
     def episodes_and_steps(self, rows: Any) -> tuple[Ints, Ints]:
@@ -127,13 +127,13 @@ class Source(Addresses):
         if np.ndim(rows) == 2 and np.shape(rows)[1] == 2:
             return self._pairs(*np.asarray(rows).T)
         ends = np.cumsum(self.lengths)
-        numbers = within("row", rows, int(ends[-1]))
+        numbers = numbers_within("row", rows, int(ends[-1]))
         episodes = np.searchsorted(ends, numbers, side="right")
         return episodes, numbers - (ends - self.lengths)[episodes]
 
     def _pairs(self, episode: Any, step: Any) -> tuple[Ints, Ints]:
         """Episodes and steps as arrays (n,)."""
-        episodes, steps = self.episodes(episode), whole("step", step)
+        episodes, steps = self.episodes(episode), whole_numbers("step", step)
         if len(episodes) != len(steps) and min(len(episodes), len(steps)) != 1:
             raise UsageError(
                 f"episode and step: found {len(episodes)} and {len(steps)} numbers, expected equally many"
@@ -187,7 +187,7 @@ class Source(Addresses):
             )
         return carry
 
-    def columns(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> Table:
+    def columns(self, names: list[str], episodes: Ints, counts: Ints, dtype: np.dtype[Any]) -> FloatTable:
         """The first rows of episodes, as many as `counts` says, (columns, episodes, rows); the rest is 0."""
         steps = np.arange(int(counts.max()))
         rows = np.where(steps < counts[:, None], self.starts[episodes][:, None] + steps, -1)
@@ -196,7 +196,7 @@ class Source(Addresses):
         for shard in np.unique(shards).tolist():
             here = (rows >= 0) & (shards == shard)[:, None]
             first, stop = int(rows[here].min()), int(rows[here].max()) + 1
-            for batch in self.stored.batches(shard, names, BATCH_ROWS, first, stop):
+            for batch in self.stored.batches(shard, names, BLOCK_ROWS, first, stop):
                 inside = here & (rows >= first) & (rows < first + batch.num_rows)
                 for into, column in zip(out, batch.columns, strict=True):
                     into[inside] = column.to_numpy(zero_copy_only=False)[rows[inside] - first]
@@ -204,7 +204,7 @@ class Source(Addresses):
         return out
 
 
-def revisit(batch: Batch, policy: Policy, actions: Float32s) -> tuple[Carry, Table]:
+def revisit(batch: Batch, policy: Policy, actions: Float32s) -> tuple[Carry, FloatTable]:
     """Play the recorded actions of episodes, side by side, which a policy watches.
 
     A policy with a memory is asked at every step, with the random numbers of the episode's own policy. So if

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
 from ibdata._numerics.arrays import Float32s, Floats, Ints
-from ibdata._numerics.confidence import estimate
+from ibdata._numerics.confidence import mean_estimate
 from ibdata._numerics.random import Raw, stream_key
 from ibdata._simulation.carry import Carry
 from ibdata._simulation.episodes import Episodes, record_rows
@@ -21,7 +21,7 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.play import RETURN_BYTES, checked_discount, returns_of
 from ibdata.evaluation.policies import as_policy, loaded
-from ibdata.evaluation.states import Source
+from ibdata.evaluation.states import Replayable
 from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import form_digest, scenario_of
 from ibdata.policies import Policy
@@ -195,7 +195,7 @@ def true_values(
         PolicyError: The policy failed, or returned no valid action.
     """
     discount = checked_discount(discount)
-    acting, source = as_policy(policy, history, allow_code), Source(whole_dataset(ds).stored)
+    acting, source = as_policy(policy, history, allow_code), Replayable(whole_dataset(ds).stored)
     numbers, times = source.episodes_and_steps(rows)
     first = None if actions is None else _applied(actions, len(numbers))
     refuse_too_much("episodes", RETURN_BYTES * len(numbers) * episodes)
@@ -215,7 +215,7 @@ def true_values(
                 discount=discount,
             )
     results = [
-        Value(number, time, None if first is None else first[i].tolist(), *estimate([returns[i]]))
+        Value(number, time, None if first is None else first[i].tolist(), *mean_estimate([returns[i]]))
         for i, (number, time) in enumerate(zip(numbers.tolist(), times.tolist(), strict=True))
     ]
     return TrueValues(results, returns)

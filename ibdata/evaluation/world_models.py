@@ -13,15 +13,15 @@ import numpy.typing as npt
 from ibdata._numerics.arguments import public
 from ibdata._numerics.arrays import Floats, Ints
 from ibdata.dataset.dataset import Place, opened
-from ibdata.dataset.episodes import refuse_by_returns
-from ibdata.dataset.selection import whole
+from ibdata.dataset.episodes import BLOCK_ROWS, refuse_by_returns
+from ibdata.dataset.selection import whole_numbers
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dataset.transitions import stacked_columns
 from ibdata.dynamics import Noise, State, Variant, step
 from ibdata.dynamics.noise import amplification_cdf, quadrature
 from ibdata.dynamics.state import NO_DRIFT
 from ibdata.errors import PolicyError, UsageError
-from ibdata.evaluation.states import BATCH_ROWS, Source
+from ibdata.evaluation.states import Replayable
 from ibdata.policies.checked import AnswerError, numbers
 from ibdata.views.options import ACTIONS
 
@@ -89,10 +89,10 @@ def noise_floor(ds: Place, split: str | Sequence[str] | None = None) -> NoiseFlo
     """
     selection = opened(ds).select(split)
     refuse_by_returns(selection)
-    source = Source(selection.stored)
+    source = Replayable(selection.stored)
     names = ["episode", "step", *ACTIONS, "next_obs_setpoint"]
     moments = []
-    for batch in selection.iter_batches(names, batch_rows=BATCH_ROWS):
+    for batch in selection.iter_batches(names, batch_rows=BLOCK_ROWS):
         episodes, steps, p = (batch[x].to_numpy() for x in ("episode", "step", "next_obs_setpoint"))
         actions, laws = stacked_columns(batch, ACTIONS), np.empty((len(p), 3, 2))
         states = source.carries_at(episodes, steps).state
@@ -213,7 +213,7 @@ def score_model(
         DatasetError: The rows are damaged, or this ibdata cannot simulate them again.
     """
     selection = opened(ds).select(split)
-    horizons = np.unique(whole("steps", steps))
+    horizons = np.unique(whole_numbers("steps", steps))
     if not horizons.size or horizons[0] < 1:
         raise UsageError(f"steps: found {steps}, expected whole numbers of at least 1")
     arrays, floor = selection.arrays(history), noise_floor(selection)

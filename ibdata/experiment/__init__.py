@@ -19,7 +19,7 @@ from ibdata._numerics.arguments import native, public
 from ibdata._system.configs import configs_in, shipped, suites
 from ibdata.errors import ConfigError, Loc, UsageError, suggestion
 from ibdata.experiment.fields import Output
-from ibdata.experiment.messages import Problem, refusals
+from ibdata.experiment.messages import ConfigProblem, refusals
 from ibdata.experiment.models import Experiment
 from ibdata.experiment.yaml import MAX_DEPTH, Document, StrictYamlError
 from ibdata.policies.base import FrozenModel
@@ -144,7 +144,7 @@ def _read(path: Path, overrides: Overrides, seed: int | None) -> Experiment:
     if not isinstance(document.data, dict):
         raise ConfigError([f"{path}:1:1: found no mapping, expected an experiment such as 'name: …'"])
 
-    def place(problem: Problem) -> str:
+    def place(problem: ConfigProblem) -> str:
         line, column = document.position(problem.loc, problem.at_key)
         return f"{path}:{line}:{column}: "
 
@@ -157,7 +157,7 @@ def _checked(
     overrides: Overrides,
     seed: int | None,
     context: dict[str, Any],
-    place: Callable[[Problem], str] = lambda problem: "",
+    place: Callable[[ConfigProblem], str] = lambda problem: "",
 ) -> Experiment:
     """Apply the overrides and check the experiment; `place` begins the line of a problem in the file."""
     changed: set[Loc] = set()
@@ -172,7 +172,7 @@ def _checked(
     if seed is not None:
         plain["seed"] = seed
 
-    def line(problem: Problem) -> str:
+    def line(problem: ConfigProblem) -> str:
         if seed is not None and problem.loc == ("seed",):
             return problem.text
         is_changed = any(problem.loc[:length] in changed for length in range(1, len(problem.loc) + 1))

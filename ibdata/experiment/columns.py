@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ibdata._simulation.episodes import hidden, record_rows
+from ibdata._simulation.episodes import hidden_variables, record_rows
 from ibdata.experiment import Experiment
 from ibdata.policies import OBSERVATION
 from ibdata.views.variables import VARIABLES, of_role
@@ -32,7 +32,7 @@ def columns(experiment: Experiment) -> list[Column]:
     """The columns of an experiment's dataset, in their order."""
     dtype = experiment.output.dtype
     option = experiment.output.latent
-    latent = hidden(experiment.drifting) if option else ()
+    latent = hidden_variables(experiment.drifting) if option else ()
     derived = of_role("derived") if option == "full" else ()
 
     def state_columns(

@@ -14,7 +14,7 @@ from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, Loc, Problems, printable
 from ibdata.experiment.fields import EpisodeRange, Split, SplitName
-from ibdata.experiment.messages import Problem, refusals
+from ibdata.experiment.messages import ConfigProblem, refusals
 from ibdata.experiment.models import Experiment
 from ibdata.policies.base import FrozenModel
 from ibdata.policies.code import Acting
@@ -222,7 +222,7 @@ class DatasetSpec:
         Raises ConfigError for one that is not valid, names what no experiment has, or shares episodes.
         """
 
-        def line(problem: Problem) -> str:
+        def line(problem: ConfigProblem) -> str:
             return f"split {problem._replace(loc=problem.loc[1:]).text}"
 
         with refusals({"splits": splits}, NamedSplits, line) as given:

@@ -62,7 +62,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-class Problem(NamedTuple):
+class ConfigProblem(NamedTuple):
     """A problem in the data of a model."""
 
     loc: Loc
@@ -82,7 +82,7 @@ class Problem(NamedTuple):
 def refusals(
     data: Mapping[str, Any],
     model: type[BaseModel],
-    line: Callable[[Problem], str] = lambda problem: problem.text,
+    line: Callable[[ConfigProblem], str] = lambda problem: problem.text,
 ) -> Iterator[dict[str, Any]]:
     """Yield the data of a model as Python's; raise ConfigError with a line for each problem of pydantic's."""
     plain: dict[str, Any] = native(data)
@@ -93,21 +93,23 @@ def refusals(
         raise ConfigError(list(dict.fromkeys(lines))) from None
 
 
-def problems(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
+def problems(error: ValidationError, model: type[BaseModel], data: Any) -> list[ConfigProblem]:
     """Return the problems that pydantic found in the data of a model, rephrased for users."""
-    rephrased: list[Problem] = []
+    rephrased: list[ConfigProblem] = []
     for detail in error.errors():
         kind, cause = detail["type"], detail.get("ctx", {}).get("error")
         loc = _path(detail["loc"], data, keep_last=kind in ("extra_forbidden", "missing"))
         if isinstance(cause, Problems):
-            rephrased += [Problem((*loc, *path), message, at_key=False) for path, message in cause.found]
+            rephrased += [
+                ConfigProblem((*loc, *path), message, at_key=False) for path, message in cause.found
+            ]
             continue
         if kind == "union_tag_invalid" and isinstance(
             _at(data, loc), dict
         ):  # the bare name of a policy has no kind
             loc = (*loc, "kind")
         message = _message(detail, _options_at(model, data, loc[:-1]))
-        rephrased.append(Problem(loc, message, at_key=kind == "extra_forbidden"))
+        rephrased.append(ConfigProblem(loc, message, at_key=kind == "extra_forbidden"))
     return rephrased
 
 

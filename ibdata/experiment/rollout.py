@@ -11,7 +11,7 @@ from ibdata._numerics.arrays import Float32s, Floats, Ints
 from ibdata._numerics.random import Purpose, stream_key
 from ibdata._simulation import kernel
 from ibdata._simulation.carry import begin
-from ibdata._simulation.episodes import Episodes, Table, draw_uniforms
+from ibdata._simulation.episodes import Episodes, FloatTable, draw_uniforms
 from ibdata._simulation.replay import replay
 from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata._system.progress import Advance, unseen
@@ -28,11 +28,11 @@ LEAST_LANES = 64
 PART_ROWS = 2**18
 
 
-class Columns(NamedTuple):
+class FilledColumns(NamedTuple):
     """The float columns of some episodes, rows ordered by (episode, step)."""
 
     names: tuple[str, ...]
-    table: Table  # (columns, rows)
+    table: FloatTable  # (columns, rows)
     clipped: int  # number of actions that were clipped
 
 
@@ -41,7 +41,7 @@ class TableBuffer:
 
     _bytes = np.empty(0, np.uint8)
 
-    def table(self, shape: tuple[int, int], dtype: str) -> Table:
+    def table(self, shape: tuple[int, int], dtype: str) -> FloatTable:
         """A table of any content. It replaces the previous table."""
         size = shape[0] * shape[1] * np.dtype(dtype).itemsize
         if size > len(self._bytes):
@@ -55,7 +55,7 @@ def rollout(
     stop: int,
     memory: TableBuffer | None = None,
     advance: Advance = unseen,
-) -> Columns:
+) -> FilledColumns:
     """Simulate episodes first … stop - 1 of a dataset into a table in the given memory.
 
     `advance` is called after some steps of some episodes with their rows.
@@ -78,11 +78,11 @@ def rollout(
         answers = expert_actions(experiment, first, stop, rows[..., : len(OBSERVATION)], acted)
         own = [i for i, name in enumerate(float_layout.names) if name.startswith("expert_act_")]
         table[own] = answers.reshape(-1, 3).T
-    return Columns(float_layout.names, table, clipped)
+    return FilledColumns(float_layout.names, table, clipped)
 
 
 def expert_actions(
-    experiment: Experiment, first: int, stop: int, observations: Table, actions: Table
+    experiment: Experiment, first: int, stop: int, observations: FloatTable, actions: FloatTable
 ) -> Float32s:
     """The actions (n, steps, 3) that the expert would take in the rows of episodes first … stop - 1.
 
@@ -138,7 +138,7 @@ def episodes_of(experiment: Experiment, numbers: Ints) -> Episodes:
     )
 
 
-def write_columns(block: Block, float_layout: Layout, table: Table, row: int, steps: int) -> None:
+def write_columns(block: Block, float_layout: Layout, table: FloatTable, row: int, steps: int) -> None:
     """Write a block of episodes with so many steps into a table, from the row `row` on."""
     kernel.scatter_columns(
         block.record, block.actions, block.log_density,

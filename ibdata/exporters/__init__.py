@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ibdata._numerics.arguments import public
-from ibdata._numerics.naming import counted, within
+from ibdata._numerics.naming import counted, rows_in_episodes
 from ibdata.dataset.tabular import pairs
 
 if TYPE_CHECKING:
@@ -45,7 +45,11 @@ class Exported(NamedTuple):
         return self._asdict()
 
     def __repr__(self) -> str:
-        lines = [("export", self.path), ("rows", within(self.rows, self.episodes)), ("format", self.format)]
+        lines = [
+            ("export", self.path),
+            ("rows", rows_in_episodes(self.rows, self.episodes)),
+            ("format", self.format),
+        ]
         if self.left_out:
             why = "the last of each episode; generate with output: {latent: next} to keep them"
             lines.append(("left out", f"{counted(self.left_out, 'row')}, {why}"))
@@ -98,7 +102,7 @@ def export(
     from ibdata.dataset.selection import checked_length
     from ibdata.errors import UsageError, meant
     from ibdata.exporters._source import Source
-    from ibdata.exporters._target import whole
+    from ibdata.exporters._target import appearing_whole
     from ibdata.views.options import view_of
 
     out = local(out)
@@ -109,14 +113,14 @@ def export(
         history = getattr(format, "HISTORY", 1)
     history = checked_length(history)
     options = view_of(view)
-    if options.cost is not None and not getattr(format, "COSTS", False):
+    if options.cost is not None and not getattr(format, "HOLDS_COSTS", False):
         raise UsageError(f"cost: found one, but the format {to} has no place for costs; leave it out")
     source = Source(opened(dataset).select(split), history, options, progress)
     more = {} if id is None else {"id": id}
     if more and not hasattr(format, "place"):
         raise UsageError(f"id: found {id!r}, but the format {to} has no ids; leave it out")
     target = Path(format.place(source, out, **more) if hasattr(format, "place") else out)
-    with whole(target, overwrite) as path:
+    with appearing_whole(target, overwrite) as path:
         snippet = format.export(source, path, target, **more)
     return Exported(
         format=to,

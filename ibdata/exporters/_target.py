@@ -23,7 +23,7 @@ CSV = b'"episode","step"'
 
 
 @contextmanager
-def whole(target: Path, overwrite: bool = False) -> Iterator[Path]:
+def appearing_whole(target: Path, overwrite: bool = False) -> Iterator[Path]:
     """Yield a path to write to, which is renamed to the target if the block succeeds; else nothing is left.
 
     Raises:

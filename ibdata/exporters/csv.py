@@ -17,7 +17,7 @@ from ibdata.dataset.transitions import as_batch, stacked, transitions
 from ibdata.exporters._source import Source
 
 OBSERVED = ("observation", "next_observation")  # roles of columns for which there are frames
-COSTS = True  # it has a place for them
+HOLDS_COSTS = True  # it has a place for them
 
 
 def export(source: Source, path: Path, target: Path) -> str:

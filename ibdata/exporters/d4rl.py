@@ -13,7 +13,7 @@ from ibdata.exporters._source import Source, d4rl_arrays
 from ibdata.exporters._target import hdf5_file, library
 from ibdata.version import __version__
 
-COSTS = True  # it has a place for them
+HOLDS_COSTS = True  # it has a place for them
 CHUNK_ROWS = 4096
 
 

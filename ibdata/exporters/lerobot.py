@@ -25,12 +25,12 @@ from ibdata.exporters._source import PARQUET, Source, vectors
 from ibdata.generation.metadata import as_json
 from ibdata.views.options import ACTIONS
 
-COSTS = True  # it has a place for them
+HOLDS_COSTS = True  # it has a place for them
 FPS = 1  # frames per second; a step of the benchmark has no duration
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 CHUNK_FILES = 1000
 FILE_MB = 100
-EPISODES = 100  # rows of a row group in meta/episodes
+ROW_GROUP_EPISODES = 100  # rows of a row group in meta/episodes
 PLACE = ("meta/episodes/chunk_index", "meta/episodes/file_index")
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 
@@ -94,7 +94,7 @@ def export(source: Source, path: Path, target: Path) -> str:
                 statistics[name] = _statistics(array.dtype, total[name].add(numbers), numbers)
             rows.append(_episode(number, task, place, range(start, start + len(frames)), statistics))
             start += len(frames)
-            if len(rows) == EPISODES or start == source.rows:
+            if len(rows) == ROW_GROUP_EPISODES or start == source.rows:
                 episodes.write(pa.Table.from_pylist(rows), *PLACE)
                 rows.clear()
     table = pa.Table.from_pandas(pd.Series(tasks, name="task_index").rename_axis("task").to_frame())

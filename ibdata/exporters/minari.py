@@ -27,7 +27,7 @@ from ibdata.exporters._target import hdf5_file, library
 from ibdata.version import __version__
 
 ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # the ids that Minari accepts, if they have a version
-COSTS = True  # it has a place for them
+HOLDS_COSTS = True  # it has a place for them
 ENVIRONMENT = "ibdata/IndustrialBenchmark-v0"
 ENTRY_POINT = "ibdata.environment:IndustrialBenchmarkEnv"  # text: Minari cannot store a class
 

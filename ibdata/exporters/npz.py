@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ibdata.exporters._source import Source, d4rl_arrays, write_npz
 
-COSTS = True  # it has a place for them
+HOLDS_COSTS = True  # it has a place for them
 
 
 def export(source: Source, path: Path, target: Path) -> str:

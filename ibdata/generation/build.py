@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from ibdata._system.part import refusals
+from ibdata._system.part import refusing_system_errors
 from ibdata._system.runs import Run
 from ibdata._system.storage import Storage, url_of
 from ibdata.dataset import manifest
@@ -25,10 +25,10 @@ from ibdata.generation.record import OTHER_BITS, UNREADABLE, Record
 from ibdata.generation.shard import all_written, finished_shards
 from ibdata.generation.store import Store
 
-Place = Folder | Store
+BuildPlace = Folder | Store
 
 
-def place_at(place: Any) -> Place:
+def place_at(place: Any) -> BuildPlace:
     """The place that a path or a URL names."""
     url = url_of(place)
     return Folder(place) if url is None else Store(url)
@@ -73,7 +73,7 @@ class Build:
         Raises UsageError or DatasetError if another ibdata began it, or if a store has several.
         """
         where = place_at(place)
-        with refusals(where.name):
+        with refusing_system_errors(where.name):
             where.refuse(overwrite=False)
             runs = manifest.unfinished(where.files) or manifest.just_begun(where.files)
         if not runs:
@@ -101,7 +101,7 @@ class Build:
             UsageError: No dataset can appear here, or there is something else, finished or not.
             DatasetError: The dataset is damaged.
         """
-        with refusals(self.name):
+        with refusing_system_errors(self.name):
             self._place.refuse(self._overwrite)
             other_run = None if self._overwrite or self._has_begun else self._other_run()
             found = self._place.found()
@@ -267,7 +267,7 @@ def other_dataset(listed: Manifest, spec: DatasetSpec) -> str | None:
     return f"the dataset of this experiment with other code, in {names_of(names)}" if names else None
 
 
-def refuse_damage(listed: Manifest, place: Place, name: str) -> None:
+def refuse_damage(listed: Manifest, place: BuildPlace, name: str) -> None:
     """Raise DatasetError for the first file that a manifest lists and that is missing or has another size."""
     remedy = f"ibdata repair makes the file again, {OVERWRITE} the dataset"
     if not place.replaces:

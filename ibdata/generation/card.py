@@ -61,7 +61,7 @@ mpl-2.0 unlicense zlib
 FAMILIES = {"odbl-1.0": "odbl", "odc-by-1.0": "odc-by", "pddl-1.0": "pddl"}  # which it knows without a number
 
 
-def card(
+def card_text(
     spec: DatasetSpec,
     files: Sequence[FileEntry],
     root: str,
@@ -94,7 +94,7 @@ def card_of(stored: Stored, spec: DatasetSpec, measured: Quality | None = None) 
     """The bytes of the card of a dataset that is there."""
     listed = stored.manifest
     version = printable(listed.versions.get("ibdata", __version__))
-    return card(spec, _files(listed), listed.content_root, stored.episodes, version, measured)
+    return card_text(spec, _files(listed), listed.content_root, stored.episodes, version, measured)
 
 
 def with_splits_of(spec: DatasetSpec, before: DatasetSpec, text: bytes, listed: Manifest) -> bytes | None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ibdata._system.files import FileEntry
 from ibdata.dataset import manifest
-from ibdata.dataset.models import Column
+from ibdata.dataset.models import ColumnEntry
 from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.card import ABOUT, KEYWORDS, bibtex, facts, how_to_make_again
 from ibdata.generation.metadata import info, splits
@@ -158,7 +158,7 @@ def distribution(
     return [folder, *file_sets, *file_objects]
 
 
-def _record_set(name: str, files: str, columns: Sequence[Column], described: bool = False) -> Json:
+def _record_set(name: str, files: str, columns: Sequence[ColumnEntry], described: bool = False) -> Json:
     """The rows of a set of files, perhaps with the meaning, unit and bounds of each column."""
     fields = []
     for column in columns:

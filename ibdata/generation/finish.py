@@ -21,18 +21,18 @@ from ibdata._system.files import FileEntry, entry_of
 from ibdata.dataset import manifest
 from ibdata.dataset.digest import content_root
 from ibdata.dataset.models import Code, File, Manifest, ShardEntry
-from ibdata.dataset.stored import EPISODES, INFO, STATISTICS
+from ibdata.dataset.stored import EPISODES_PATH, INFO_PATH, STATISTICS_PATH
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.columns import columns
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation import metadata
-from ibdata.generation.card import card
+from ibdata.generation.card import card_text
 from ibdata.generation.croissant import croissant
 from ibdata.generation.shard import WrittenShard, content_of
 from ibdata.version import __version__
 
-NEED_CONTENT = (EPISODES, STATISTICS)
+NEED_CONTENT = (EPISODES_PATH, STATISTICS_PATH)
 UNSEALED = "0" * 64  # stands for the checksum until all else is known
 
 
@@ -64,7 +64,7 @@ def finish(
     entries.append(entry_of(manifest.CROISSANT, described))
     yield manifest.CROISSANT, described
     yield manifest.SPLITS, metadata.splits_file(spec)
-    yield manifest.CARD, card(spec, files, root, contents[EPISODES])
+    yield manifest.CARD, card_text(spec, files, root, contents[EPISODES_PATH])
     listed = manifest.sealed(
         Manifest(
             format=manifest.FORMAT,
@@ -110,9 +110,9 @@ def metadata_contents(spec: DatasetSpec, written: list[WrittenShard]) -> dict[st
     known: dict[str, Any] = dict(zip(paths, spec.experiments, strict=True))
     known |= {f"meta/{name}": data for name, data in spec.weights.items()}
     return {
-        INFO: lambda: metadata.info(spec),
-        EPISODES: lambda: metadata.episodes_table(spec, written),
-        STATISTICS: lambda: metadata.statistics(spec, written),
+        INFO_PATH: lambda: metadata.info(spec),
+        EPISODES_PATH: lambda: metadata.episodes_table(spec, written),
+        STATISTICS_PATH: lambda: metadata.statistics(spec, written),
         **{path: partial(known.__getitem__, path) for path in known},
     }
 

@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow as pa
 
 from ibdata._numerics.arrays import Ints
-from ibdata.dataset.models import Column, Counts, Info, JsonObject, SplitEntry, Statistics
-from ibdata.dataset.statistics import described, merged
+from ibdata.dataset.models import ColumnEntry, Counts, Info, JsonObject, SplitEntry, Statistics
+from ibdata.dataset.statistics import merged, statistics_of_columns
 from ibdata.dataset.stored import episode_schema
 from ibdata.experiment.columns import columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
@@ -44,7 +44,7 @@ def info(spec: DatasetSpec) -> Info:
             shards=len(spec.shards),
         ),
         columns=[
-            Column(**{name: getattr(column, name) for name in Column.model_fields})
+            ColumnEntry(**{name: getattr(column, name) for name in ColumnEntry.model_fields})
             for column in columns(spec.experiments[0])
         ],
     )
@@ -151,6 +151,6 @@ def statistics(spec: DatasetSpec, written: list[WrittenShard]) -> Statistics:
         contents = [w.content for w in written if split is None or split in w.shard.splits]
         moments = [content.moments for content in contents]
         samples, rows = [content.sample for content in contents], [each.rows for each in moments]
-        found.append(described(names, reduce(merged, moments), samples, rows))
+        found.append(statistics_of_columns(names, reduce(merged, moments), samples, rows))
     splits_found = dict(zip(spec.declared, found[1:], strict=True))
     return Statistics(format="ibdata-statistics", version=1, all=found[0], splits=splits_found)

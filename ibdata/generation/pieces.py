@@ -19,11 +19,10 @@ from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import Column, columns, layout
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.experiment.rollout import Columns, TableBuffer, parts, rollout
+from ibdata.experiment.rollout import FilledColumns, TableBuffer, parts, rollout
 
 ROW_GROUP_ROWS = 100_000
-BATCH_ROWS = 65_536  # that are read from a file at a time
-STATISTICS = ("episode", "step", "obs_setpoint")  # the columns by which rows are selected
+INDEXED = ("episode", "step", "obs_setpoint")  # the columns by which rows are selected
 
 ARROW_TYPES: dict[str, pa.DataType] = {
     "int64": pa.int64(),
@@ -40,7 +39,7 @@ class Piece(NamedTuple):
 
     experiment: Experiment
     episodes: Shard  # of which first … stop are those of the piece
-    floats: Columns
+    floats: FilledColumns
     # Of stored rows, the columns that are no floats; where a value is null, all columns.
     others: Sequence[pa.RecordBatch] = ()
 
@@ -122,7 +121,9 @@ def stored_pieces(
             whole = not any(column.null_count for column in head.columns)
             others.append(head.drop_columns(list(names)) if whole else head)
             row += head.num_rows
-        yield Piece(experiment, shard._replace(first=first, stop=stop), Columns(names, table, 0), others)
+        yield Piece(
+            experiment, shard._replace(first=first, stop=stop), FilledColumns(names, table, 0), others
+        )
 
 
 def arrow_schema(described: list[Column]) -> pa.Schema:
@@ -141,7 +142,7 @@ def writer_options(described: list[Column]) -> Mapping[str, Any]:
         "use_dictionary": [c.name for c in described if c.dtype == "string"],
         "use_byte_stream_split": [c.name for c in described if c.dtype.startswith("float")],
         "column_encoding": {c.name: "DELTA_BINARY_PACKED" for c in described if c.dtype.startswith("int")},
-        "write_statistics": [c.name for c in described if c.name in STATISTICS],
+        "write_statistics": [c.name for c in described if c.name in INDEXED],
         "write_page_checksum": True,
         "write_page_index": False,
     }

@@ -35,7 +35,7 @@ sys.path[:] = sys.argv[2:]
 from ibdata.generation.process import main
 main(int(sys.argv[1]))
 """
-Progress = Callable[[int], object]  # called with the rows of a shard that are made so far
+RowsMade = Callable[[int], object]  # called with the rows of a shard that are made so far
 
 
 class Process(Protocol):
@@ -44,7 +44,7 @@ class Process(Protocol):
     spec: DatasetSpec
     folder: Path  # the current folder, in which custom code is looked for
 
-    def call(self, function: Callable[..., Any], *arguments: Any, progress: Progress | None = None) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: Any, progress: RowsMade | None = None) -> Any:
         """Return `function(spec, *arguments)`, with `progress` as the last argument if it is given."""
 
 
@@ -76,7 +76,7 @@ class Here:
         """Let no object act from now on."""
         self._acting.close()
 
-    def call(self, function: Callable[..., Any], *arguments: Any, progress: Progress | None = None) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: Any, progress: RowsMade | None = None) -> Any:
         """Call a function here."""
         if progress is not None:
             arguments = (*arguments, progress)
@@ -130,7 +130,7 @@ class Worker:
             self._machine_code.cleanup()
             raise
 
-    def call(self, function: Callable[..., Any], *arguments: Any, progress: Progress | None = None) -> Any:
+    def call(self, function: Callable[..., Any], *arguments: Any, progress: RowsMade | None = None) -> Any:
         """Call a function there. Raises what it raises, and IbdataError if the process ends."""
         self._waiting.append(Question(function, arguments, progress is not None))
         try:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 import pyarrow.parquet as pq
 
 from ibdata._numerics.arrays import Floats
-from ibdata._simulation.episodes import Table
+from ibdata._simulation.episodes import FloatTable
 from ibdata._system.files import FileEntry, HashingFile
 from ibdata._system.part import RECEIPTS
 from ibdata._system.runs import Run
@@ -45,7 +45,7 @@ class ShardSummary(NamedTuple):
     digests: list[bytes]  # of the episodes
     returns: Floats  # of the episodes, undiscounted
     moments: Moments  # of the float columns
-    sample: Table  # of the float columns, for quantiles
+    sample: FloatTable  # of the float columns, for quantiles
     clipped: int
 
 

@@ -21,13 +21,13 @@ from ibdata.policies.user_object import UserObject
 FEW, ENOUGH = 20_000, 40_000  # rows of a command, and of several, which take as long as compiling
 A_SECOND = 3000  # rows that plain Python makes in a second
 SLOW = (UserObject, Network, Multisine)  # they compute more than a formula, or what nobody knows
-VARIABLES = {"IBDATA_COMPILE", "NUMBA_DISABLE_JIT"}  # with either, nothing is chosen here
+MODE_VARIABLES = {"IBDATA_COMPILE", "NUMBA_DISABLE_JIT"}  # with either, nothing is chosen here
 
 
 def interpret_few_rows(specs: Iterable[DatasetSpec], places: Iterable[Path | str]) -> None:
     """Let this process, if it is a command's, make new datasets in plain Python where that is faster."""
     rows_before = uncompiled(simulate)
-    if processes.purpose != "command" or rows_before is None or VARIABLES & os.environ.keys():
+    if processes.purpose != "command" or rows_before is None or MODE_VARIABLES & os.environ.keys():
         return
     all_of = [experiment for spec in specs for experiment in spec.experiments]
     # With the most rows that a burn-in simulates.

@@ -18,7 +18,7 @@ from functools import cached_property
 from pathlib import Path
 
 from ibdata._system.cache_folders import cache_folders
-from ibdata._system.part import existing_paths, refusals
+from ibdata._system.part import existing_paths, refusing_system_errors
 from ibdata._system.runs import Run, StoreRun, note_of, runs_at
 from ibdata._system.signals import ignore, stoppable
 from ibdata._system.storage import Remote, Storage
@@ -97,7 +97,7 @@ class Store:
     @contextmanager
     def hold(self, shared: bool) -> Iterator[None]:
         self._forget_uploads()
-        with refusals(self.name, "; the same command goes on"), stoppable():
+        with refusing_system_errors(self.name, "; the same command goes on"), stoppable():
             yield
 
     def _forget_uploads(self) -> None:

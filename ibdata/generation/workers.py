@@ -17,7 +17,7 @@ from ibdata.errors import UsageError
 from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.pieces import simulated
-from ibdata.generation.process import Process, Progress, Worker
+from ibdata.generation.process import Process, RowsMade, Worker
 from ibdata.generation.shard import write_receipt, write_shard
 
 ENGINES = ("local", "ray")
@@ -32,7 +32,7 @@ Reach = Callable[[int, int], object]  # called with the number of a shard and it
 # Makes shards of a run, and yields the number of each that is finished. The process has the
 # code of the dataset's custom policies.
 Engine = Callable[[Process, list[Shard], Run, Reach], Iterator[int]]
-Maker = Callable[[Shard, Progress], None]
+Maker = Callable[[Shard, RowsMade], None]
 
 
 def select_engine(name: str, workers: int | None, address: str | None) -> Engine:
@@ -163,7 +163,7 @@ def make_shard(
     run: Run,
     overlap: bool,
     stopped: threading.Event | None,
-    progress: Progress,
+    progress: RowsMade,
 ) -> None:
     """Simulate a shard and write it piece by piece, then its receipt.
 

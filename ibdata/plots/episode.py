@@ -32,7 +32,7 @@ PANELS: tuple[tuple[str, tuple[tuple[str, str, str, str], ...]], ...] = (
     ("hidden:\nfatigue's μ", (("mu_v", "μᵛ", BLUE, "-"), ("mu_g", "μᵍ", ORANGE, "--"))),
     ("hidden:\ndirection φ", (("direction", "φ", GREEN, "-"),)),
 )
-VARIABLES = [name for _, lines in PANELS for name, *_ in lines]
+PLOTTED = [name for _, lines in PANELS for name, *_ in lines]
 # By the first variable of a panel.
 LIMITS = {"velocity": (-5.0, 105.0), "mu_v": (-0.25, 5.25), "direction": (-6.5, 6.5)}
 

@@ -14,9 +14,9 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from ibdata._numerics.arrays import Floats, Ints
 from ibdata._numerics.naming import counted
-from ibdata.plots.episode import VARIABLES, draw_episode
+from ibdata.plots.episode import PLOTTED, draw_episode
 from ibdata.plots.style import GREYS, SERIES, WIDTH, count_bar, count_image, legend_above
-from ibdata.plots.summary import ACTION_EDGES, COSTS, PAIRS, STEERINGS, Summary
+from ibdata.plots.summary import ACTION_EDGES, DRAWN_COSTS, PAIRS, STEERINGS, Summary
 from ibdata.views.options import ACTIONS
 
 UNIFORM = 0.5  # the density of uniform actions
@@ -183,7 +183,7 @@ def draw_traces(figure: Figure, summary: Summary) -> None:
 def _traces(summary: Summary, episode: Any) -> Mapping[str, Floats]:
     """The first steps of an episode: variables by name, with the hidden ones that the dataset has."""
     known = {column.name for column in summary.dataset.stored.info.columns}
-    both = {column: name for name in VARIABLES for column in (f"obs_{name}", f"latent_{name}")}
+    both = {column: name for name in PLOTTED for column in (f"obs_{name}", f"latent_{name}")}
     names = [column for column in both if column in known]
     first, stop = int(episode["row_start"]), int(episode["row_stop"])
     batches = summary.dataset.stored.batches(
@@ -212,8 +212,8 @@ def draw_tradeoff(figure: Figure, summary: Summary) -> None:
     totals = MaxNLocator(LINES).tick_values(x[0] + 3 * y[0], x[-1] + 3 * y[-1])
     for total in totals:
         axes.axline((total, 0.0), (total - 3.0, 1.0), color="0.3", linewidth=0.6, linestyle=":")
-    axes.set_xlabel(summary.label(COSTS[0]))
-    axes.set_ylabel(summary.label(COSTS[1]))
+    axes.set_xlabel(summary.label(DRAWN_COSTS[0]))
+    axes.set_ylabel(summary.label(DRAWN_COSTS[1]))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter("{x:,g}")
     count_bar(figure, shown, axes, aspect=40)

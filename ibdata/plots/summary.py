@@ -22,7 +22,7 @@ from ibdata.views.options import ACTIONS
 MOST_SETPOINTS = 12
 STEERINGS = ("obs_velocity", "obs_gain", "obs_shift")
 PAIRS = tuple(combinations(range(len(STEERINGS)), 2))
-COSTS = ("next_obs_consumption", "next_obs_fatigue")
+DRAWN_COSTS = ("next_obs_consumption", "next_obs_fatigue")
 STEERING_EDGES = np.linspace(0.0, 100.0, 51)
 ACTION_EDGES = np.linspace(-1.0, 1.0, 42)  # an odd number of bins, so that 0 is in the middle of one
 COST_BINS = 60
@@ -117,7 +117,7 @@ def count(
         np.linspace(*_range(dataset, "reward"), REWARD_BINS + 1),
         np.zeros((*cells, REWARD_BINS), np.int64),
         np.zeros((cells[1], len(PAIRS), *[len(STEERING_EDGES) - 1] * 2), np.int64),
-        (_cost_edges(dataset, COSTS[0]), _cost_edges(dataset, COSTS[1])),
+        (_cost_edges(dataset, DRAWN_COSTS[0]), _cost_edges(dataset, DRAWN_COSTS[1])),
         np.zeros((COST_BINS, COST_BINS), np.int64),
         np.zeros((*cells, 2)),
         np.zeros((cells[1], len(ACTIONS), len(ACTION_EDGES) - 1), np.int64),
@@ -125,7 +125,7 @@ def count(
     stops = np.cumsum(dataset.episodes["length"])
     first = 0
     with bar(progress, len(dataset), "rows", "count") as advance:
-        for batch in dataset.iter_batches([*STEERINGS, *ACTIONS, "reward", *COSTS]):
+        for batch in dataset.iter_batches([*STEERINGS, *ACTIONS, "reward", *DRAWN_COSTS]):
             stop = first + batch.num_rows
             episode = np.searchsorted(stops, np.arange(first, stop), side="right")
             x = {name: batch.column(name).to_numpy() for name in batch.schema.names}
@@ -143,7 +143,7 @@ def _add(counts: Counts, x: dict[str, npt.NDArray[Any]], setpoint: Ints, policy:
     places = [bins(x[name], STEERING_EDGES) for name in STEERINGS]
     for i, (a, b) in enumerate(PAIRS):
         _into(counts.coverage[:, i], policy, places[a], places[b])
-    costs, (c, f) = [x[name] for name in COSTS], counts.cost_edges
+    costs, (c, f) = [x[name] for name in DRAWN_COSTS], counts.cost_edges
     near = (costs[0] >= c[0]) & (costs[0] <= c[-1]) & (costs[1] >= f[0]) & (costs[1] <= f[-1])
     _into(counts.costs, bins(costs[0][near], c), bins(costs[1][near], f))
     for i, values in enumerate(costs):

@@ -54,7 +54,7 @@ def _plain_default(field: FieldInfo) -> Any:
     return field.default.form() if isinstance(field.default, Policy) else field.default
 
 
-def described() -> list[dict[str, Any]]:
+def policy_list() -> list[dict[str, Any]]:
     """Describe every policy: its kind, its summary, and its options with default and description."""
     return [
         {
@@ -91,5 +91,5 @@ __all__ = [
     "Uniform",
     "Wrapper",
     "at_start",
-    "described",
+    "policy_list",
 ]

@@ -171,7 +171,7 @@ def raise_placed(error: BaseException, label: str, observed: Observed, episodes:
     raise PolicyError(f"policy {label}: {where}: step {step}: {line}") from error
 
 
-EPISODES, STEPS = 32, 2
+TRIED_EPISODES, TRIED_STEPS = 32, 2
 NEAR = 1e-3  # of the actions of objects: their last bits may depend on the number of episodes
 FLIPPED = 0.1  # share of the actions that may be others, such as those on the edge between two
 
@@ -192,7 +192,7 @@ def refuse_impure(policy: Policy, columns: int = len(OBSERVATION), *, exact: boo
     It plays two steps of a few episodes, the same again, and half of them in another order. Where it need not
     be `exact`, as for the code of users, the last bits may depend on the other episodes.
     """
-    history, everyone = histories(EPISODES, policy.needs.history, columns), np.arange(EPISODES)
+    history, everyone = histories(TRIED_EPISODES, policy.needs.history, columns), np.arange(TRIED_EPISODES)
     expected = _actions(policy, history, everyone)
     if not np.array_equal(_actions(policy, history, everyone), expected):
         raise PolicyError(f"policy {policy.label}: {SECRET}")
@@ -205,7 +205,7 @@ def refuse_impure(policy: Policy, columns: int = len(OBSERVATION), *, exact: boo
 
 def _actions(policy: Policy, history: Float32s, rows: npt.NDArray[np.int64]) -> Float32s:
     """The actions (steps, rows, 3) in some episodes."""
-    return np.stack([actions for _, actions in played(policy, history, STEPS, rows)])
+    return np.stack([actions for _, actions in played(policy, history, TRIED_STEPS, rows)])
 
 
 def played(

@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from ibdata._numerics.arguments import public
 from ibdata._system.files import write
-from ibdata._system.part import refusals
+from ibdata._system.part import refusing_system_errors
 from ibdata.errors import UsageError, notice
 from ibdata.policies.libraries import environment_note, evaluating, lacks_environment, scaling_of
-from ibdata.policies.weights_file import ACTIONS, COLUMNS, LAYOUT, Weights, written
+from ibdata.policies.weights_file import ACTION_COUNT, COLUMNS, NETWORK_LAYOUT, Weights, written
 
 IGNORED = ("Flatten", "Identity", "Dropout")  # they change nothing in a trained network that sees vectors
 DRAWN_BEFORE_TANH = ("SAC", "CQL", "CalQL")  # algorithms of d3rlpy
@@ -174,7 +174,7 @@ def save_network(
     scaling = {"mean": np.zeros(COLUMNS), "std": np.ones(COLUMNS), **actor.scaling}
     scaling |= {key: value for key, value in chosen.items() if value is not None}
     metadata = {
-        "layout": LAYOUT,
+        "layout": NETWORK_LAYOUT,
         "frames": str(history),
         **{key: json.dumps(_plain(key, value)) for key, value in scaling.items()},
         "activation": activation,
@@ -191,7 +191,7 @@ def save_network(
         raise UsageError(f"model: {error}") from None
     _refuse_other_actions(model, actor, weights)
     target = Path(os.path.expanduser(path)).absolute()
-    with refusals(target):
+    with refusing_system_errors(target):
         write(target.parent, target.name, data)
     if note is not None and mean is std is None:
         notice(f"{target.name}: {note}, or pass mean and std")
@@ -202,7 +202,7 @@ def _refuse_other_actions(model: Any, actor: Actor, weights: Weights) -> None:
     """Raise UsageError if a model's own actions are not those of the weights."""
     drawn = DEVIATION * np.random.default_rng(0).standard_normal((INPUTS, len(weights.mean)))
     inputs = np.clip(drawn, -weights.clip, weights.clip).astype(np.float32)
-    outputs = weights.outputs(inputs, is_scaled=True)[:, :ACTIONS].astype(np.float64)
+    outputs = weights.outputs(inputs, is_scaled=True)[:, :ACTION_COUNT].astype(np.float64)
     expected = np.tanh(outputs) if actor.squash == "tanh" else np.clip(outputs, -1.0, 1.0)
     try:
         actions = np.clip(np.asarray(actor.actions(inputs), dtype=np.float64), -1.0, 1.0)

@@ -61,12 +61,12 @@ def _end_of_header(data: bytes) -> int:
     return 8 + int.from_bytes(data[:8], "little")
 
 
-LAYOUT = "ibdata-network-1"
+NETWORK_LAYOUT = "ibdata-network-1"
 SUFFIX = ".safetensors"
 SHIPPED = Path(__file__).parent / "weights"
 MAX_BYTES = 2**26
 COLUMNS = len(OBSERVATION)
-ACTIONS = 3
+ACTION_COUNT = 3
 SHA256 = "^[0-9a-f]{64}$"
 
 Layer = tuple[Float32s, Float32s]  # weights (outputs, inputs) and biases (outputs,)
@@ -207,10 +207,10 @@ def _layers(tensors: Mapping[str, Float32s], inputs: int) -> list[Layer]:
     while f"layers.{len(layers)}.weight" in left:
         layers.append(_layer(left, f"layers.{len(layers)}", width))
         width = len(layers[-1][1])
-    heads = [_layer(left, "mean", width, ACTIONS)]
+    heads = [_layer(left, "mean", width, ACTION_COUNT)]
     if "log_std.bias" in left:
-        left.setdefault("log_std.weight", np.zeros((ACTIONS, width), dtype=np.float32))
-        heads.append(_layer(left, "log_std", width, ACTIONS))
+        left.setdefault("log_std.weight", np.zeros((ACTION_COUNT, width), dtype=np.float32))
+        heads.append(_layer(left, "log_std", width, ACTION_COUNT))
     if left:
         raise ValueError(f"found the tensor {min(left)}, expected layers.0.weight, mean.bias and so on")
     weights, biases = zip(*heads, strict=True)

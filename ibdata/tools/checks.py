@@ -16,7 +16,7 @@ from ibdata._system.storage import Storage
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.models import JsonObject
 from ibdata.dataset.statistics import Moments
-from ibdata.dataset.stored import EPISODES, Stored
+from ibdata.dataset.stored import EPISODES_PATH, Stored
 from ibdata.errors import DatasetError, reason
 from ibdata.experiment import Experiment
 from ibdata.experiment.columns import columns
@@ -54,7 +54,7 @@ def check_shard(
     experiment, summarizer = spec.experiments[shard.experiment], ShardSummarizer(spec, shard)
     broken: list[tuple[str, Broken]] = []
     try:
-        schema, rows = parquet.described(files, path)
+        schema, rows = parquet.schema_and_rows(files, path)
         found_columns = [(field.name, parquet.plain_type(field.type)) for field in schema]
         expected_columns = [(column.name, column.dtype) for column in columns(experiment)]
         for found, expected in zip_longest(found_columns, expected_columns):
@@ -181,7 +181,7 @@ def _plain(content: pa.Table | Experiment | JsonObject | dict[str, Any]) -> Any:
 def _facts(stored: Stored, path: str, spec: DatasetSpec) -> Any:
     """What programs read in a file of `meta`. The prose of a description may be said in other words."""
     data = stored.read(path)
-    if path == EPISODES:
+    if path == EPISODES_PATH:
         return _plain(parquet.read(stored.storage, path, data=data))
     if path.endswith(".yaml"):
         context = spec.experiments[0].checked_with

@@ -18,7 +18,7 @@ from ibdata._system.cache_folders import cache_folders
 from ibdata._system.configs import canonical_file
 from ibdata._system.files import remove
 from ibdata._system.lock import locked
-from ibdata._system.part import refusals
+from ibdata._system.part import refusing_system_errors
 from ibdata.dataset.dataset import Dataset, opened
 from ibdata.environment import ID
 from ibdata.errors import BusyError, DatasetError, UsageError, missing, notice
@@ -152,7 +152,7 @@ def _dataset(name: str, experiment: Experiment, root: str | None) -> Dataset:
     if dataset := _kept(folder, experiment, root):
         return dataset
     lock = folder.with_name(f".{folder.name}.lock")
-    with refusals(folder), locked(lock, PATIENCE, place=folder):
+    with refusing_system_errors(folder), locked(lock, PATIENCE, place=folder):
         kept = _kept(folder, experiment, root)  # another process may have made it meanwhile
         if kept is None:
             remove(folder)

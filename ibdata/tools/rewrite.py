@@ -15,6 +15,7 @@ from ibdata._system.signals import check
 from ibdata._system.storage import refuse_url
 from ibdata.dataset import manifest
 from ibdata.dataset.dataset import Dataset
+from ibdata.dataset.episodes import BLOCK_ROWS
 from ibdata.dataset.models import Manifest
 from ibdata.errors import BusyError, DatasetError, IbdataError, notice
 from ibdata.experiment import Experiment
@@ -24,7 +25,7 @@ from ibdata.generation import metadata
 from ibdata.generation.build import Build
 from ibdata.generation.card import with_splits_of
 from ibdata.generation.finish import refuse_other_plan
-from ibdata.generation.pieces import BATCH_ROWS, Piece, stored_pieces
+from ibdata.generation.pieces import Piece, stored_pieces
 from ibdata.generation.record import Record
 from ibdata.generation.shard import write_receipt, write_shard
 
@@ -80,7 +81,7 @@ def _batches(experiment: Experiment, shard: Shard, source: Dataset) -> Iterator[
         low, high = max(first, entry.episodes[0]), min(stop, entry.episodes[1])
         if low < high:
             start, end = ((episode - entry.episodes[0]) * steps for episode in (low, high))
-            yield from source.stored.batches(number, names, BATCH_ROWS, start, end)
+            yield from source.stored.batches(number, names, BLOCK_ROWS, start, end)
 
 
 def _changed(source: Dataset) -> DatasetError:

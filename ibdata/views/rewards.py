@@ -19,7 +19,7 @@ from ibdata._numerics.arrays import Float32s, Floats
 from ibdata.errors import UsageError, suggestion
 from ibdata.views.variables import AMPLIFICATION_START
 
-COSTS = ("consumption", "fatigue")
+PAID_BY = ("consumption", "fatigue")
 REWARD_KINDS = ("classic", "delta")
 COST_KINDS = ("fatigue", "runaway")
 COST_EXPECTED = "{fatigue: 60}, runaway, or a mapping with a budget too, such as {fatigue: 60, budget: 25}"
@@ -35,7 +35,7 @@ class Reward:
 
     def plain(self) -> Any:
         """The reward as users give it."""
-        return {name: getattr(self, name) for name in COSTS} if self.kind == "weights" else self.kind
+        return {name: getattr(self, name) for name in PAID_BY} if self.kind == "weights" else self.kind
 
     def cost(self, consumption: Float32s, fatigue: Float32s) -> Floats:
         """The weighted cost of states with these consumptions and fatigues (n,)."""
@@ -85,12 +85,12 @@ def _weighted(weights: Mapping[Any, Any]) -> Reward:
     if not weights:
         raise UsageError("reward: found no weight, expected some such as {consumption: 1, fatigue: 3}")
     for name, weight in weights.items():
-        if name not in COSTS:
-            hint = suggestion(str(name), COSTS)
+        if name not in PAID_BY:
+            hint = suggestion(str(name), PAID_BY)
             raise UsageError(f"reward: found {name!r}, expected weights of consumption and fatigue{hint}")
         if not math.isfinite(weight):
             raise UsageError(f"reward: {name}: found {weight!r}, expected a finite number")
-    return Reward("weights", *(float(weights.get(name, 0.0)) for name in COSTS))
+    return Reward("weights", *(float(weights.get(name, 0.0)) for name in PAID_BY))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pandas as pd
 
 import ibdata
-from ibdata._numerics.confidence import estimate
+from ibdata._numerics.confidence import mean_estimate
 from ibdata.dataset.reference_returns import scale
 from ibdata.evaluation.baselines import BEHAVIOUR, Baseline, Evaluated
 from measuring.documents import DOCS, table, write_measured
@@ -108,7 +108,7 @@ def verdict(line: Baseline, base: Floats) -> int:
     values = returns_of(line)
     if values is None:
         return 2
-    low, high = estimate([values - base]).interval or (-1.0, 1.0)
+    low, high = mean_estimate([values - base]).interval or (-1.0, 1.0)
     return 0 if low > 0 else 2 if high < 0 else 1
 
 

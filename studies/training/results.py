@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ibdata._numerics.confidence import Estimate, estimate
+from ibdata._numerics.confidence import MeanEstimate, mean_estimate
 from ibdata.evaluation.baselines import BEHAVIOUR, NOTHING, Baseline, ModelErrors
 
 Floats = npt.NDArray[np.float64]
@@ -73,14 +73,14 @@ def means(returns: Sequence[Floats], divisor: float = 100.0) -> list[float]:
 
 def with_error(returns: Floats, divisor: float = 100.0, digits: int = 2) -> str:
     """The mean over episodes with its standard error."""
-    return shown(estimate(list(returns / divisor)), digits)
+    return shown(mean_estimate(list(returns / divisor)), digits)
 
 
-def shown(found: Estimate, digits: int = 2) -> str:
+def shown(found: MeanEstimate, digits: int = 2) -> str:
     """A mean with its standard error."""
     return f"{number(found.mean, digits)} ± {number(found.standard_error or 0.0, digits)}"
 
 
-def difference(returns: Sequence[Floats], base: Floats, divisor: float = 100.0) -> Estimate:
+def difference(returns: Sequence[Floats], base: Floats, divisor: float = 100.0) -> MeanEstimate:
     """The mean over seeds minus a policy, paired by episodes."""
-    return estimate(list((np.mean(returns, axis=0) - base) / divisor))
+    return mean_estimate(list((np.mean(returns, axis=0) - base) / divisor))

@@ -114,7 +114,7 @@ def test_the_pairs_are_those_of_all_rows_whatever_the_batches(explored, monkeypa
     numbers = pair_numbers(states, frame[["act_velocity", "act_gain", "act_shift"]])
     whole = ibdata.quality(explored)
     assert whole.pairs == len(np.unique(numbers))
-    monkeypatch.setattr(module, "BATCH_ROWS", 333)
+    monkeypatch.setattr(module, "BLOCK_ROWS", 333)
     parts = ibdata.quality(explored)
     assert parts.plain() == pytest.approx(whole.plain())
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ibdata.evaluation.algorithms import KNOWN, YOURS, Group, estimated
+from ibdata.evaluation.algorithms import KNOWN, YOURS, LineReturns, estimated
 from ibdata.evaluation.baselines import shipped_baselines
 
 
 def covered(returns, mean, minus=None):
     """Whether the interval of some trainings (seeds, setpoints, episodes) holds the mean."""
-    reference = None if minus is None else Group("b", KNOWN, False, minus[None])
-    low, high = estimated(Group("a", YOURS, True, returns), reference).interval
+    reference = None if minus is None else LineReturns("b", KNOWN, False, minus[None])
+    low, high = estimated(LineReturns("a", YOURS, True, returns), reference).interval
     return low <= mean <= high
 
 

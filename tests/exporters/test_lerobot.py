@@ -62,7 +62,7 @@ def test_frames_are_numbered_and_timed_and_a_task_is_a_setpoint(dataset, tmp_pat
 
 def test_files_are_numbered_in_chunks_and_hold_whole_episodes(dataset, tmp_path, monkeypatch):
     """Episodes say in which file they are."""
-    for name, size in (("FILE_MB", 0.008), ("CHUNK_FILES", 3), ("EPISODES", 2)):
+    for name, size in (("FILE_MB", 0.008), ("CHUNK_FILES", 3), ("ROW_GROUP_EPISODES", 2)):
         monkeypatch.setattr(lerobot, name, size)
     made = tmp_path / "made"
     holds(ibdata.export(dataset, "lerobot", made), dataset)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import ibdata
 from ibdata.dataset import statistics
-from ibdata.dataset.statistics import Moments, described, merged, moments
-from ibdata.experiment.rollout import Columns, rollout
+from ibdata.dataset.statistics import Moments, merged, moments, statistics_of_columns
+from ibdata.experiment.rollout import FilledColumns, rollout
 from ibdata.generation import pieces as columns
 from ibdata.generation import shard
 from ibdata.tools import checks
@@ -83,7 +83,7 @@ def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
         return noted
 
     monkeypatch.setattr(checks, "PIECE_ROWS", PART)
-    monkeypatch.setattr(columns, "Columns", seen(Columns))
+    monkeypatch.setattr(columns, "FilledColumns", seen(FilledColumns))
     monkeypatch.setattr("ibdata.generation.pieces.rollout", seen(rollout))
     for name, use in USES.items():
         held.clear()
@@ -140,7 +140,7 @@ def test_statistics_are_those_of_the_values_that_are_numbers(at, odd):
         found = merged_moments(table, cuts)
         assert (found.rows, found.counts.tolist()) == (10, [9, 10, 0])
         parts = [np.ascontiguousarray(x) for x in np.split(table, np.cumsum(cuts)[:-1], axis=1)]
-        one, _, none = described(["a", "b", "c"], found, parts, cuts).values()
+        one, _, none = statistics_of_columns(["a", "b", "c"], found, parts, cuts).values()
         assert (one.count, one.min, one.max) == (9, known.min(), known.max())
         np.testing.assert_allclose([one.mean, one.std], [known.mean(), known.std()], rtol=1e-15)
         median = np.quantile(known, 0.5, method="inverted_cdf")
@@ -153,5 +153,5 @@ def test_a_sample_stands_for_the_rows_of_its_shard():
     """Three of 300 rows are 1, 2, 3 and one of one is 9: half of all rows are at most 2."""
     samples = [np.array([[1.0, 2.0, 3.0]]), np.array([[9.0]])]
     parts = Moments(301, np.array([2.0]), np.array([1.0]), np.array([1.0]), np.array([9.0]), np.array([301]))
-    quantiles = described(("x",), parts, samples, [300, 1])["x"].quantiles
+    quantiles = statistics_of_columns(("x",), parts, samples, [300, 1])["x"].quantiles
     assert (quantiles["0.25"], quantiles["0.5"], quantiles["0.99"]) == (1.0, 2.0, 3.0)

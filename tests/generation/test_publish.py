@@ -13,7 +13,7 @@ from helpers.folders import is_right
 
 import ibdata
 from ibdata._system import part
-from ibdata._system.files import read_sealed, sealed, write
+from ibdata._system.files import read_hashed, with_hash, write
 from ibdata._system.part import locked_part
 from ibdata.cli import main
 from ibdata.errors import DatasetError, Interrupted, UsageError
@@ -222,7 +222,7 @@ def test_a_run_of_another_version_is_refused(tiny, files, capsys):
     shutil.rmtree("out")
     ibdata.generate(TINY, "out", workers=1, shards="1/2")
     run = Path(".out.part/run/run.json")
-    write(run.parent, run.name, sealed(read_sealed(run).replace(b'"random"', b'"wander"')))
+    write(run.parent, run.name, with_hash(read_hashed(run).replace(b'"random"', b'"wander"')))
     with pytest.raises(SystemExit, match=r"^0$"):
         main(["ls", "."])
     assert "unfinished, unreadable" in capsys.readouterr().out

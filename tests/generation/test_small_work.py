@@ -40,7 +40,7 @@ output: {{latent: full, shard_rows: 60}}
 def first(ibdata, tmp_path):
     """A function that runs a command where nothing is compiled: its result, and the files of the cache."""
     cache = tmp_path / "cache"
-    env = {k: v for k, v in os.environ.items() if k not in small_work.VARIABLES}
+    env = {k: v for k, v in os.environ.items() if k not in small_work.MODE_VARIABLES}
     env["IBDATA_CACHE_DIR"] = str(cache)
 
     def run(*line, **variables):
@@ -101,7 +101,7 @@ def interprets(monkeypatch, tmp_path):
     monkeypatch.setattr(processes, "purpose", "command")
     monkeypatch.setattr(small_work, "uncompiled", lambda function: tmp_path / "rows")
     monkeypatch.setattr(small_work, "interpret", lambda: asked.append(1))
-    for name in small_work.VARIABLES:
+    for name in small_work.MODE_VARIABLES:
         monkeypatch.delenv(name, raising=False)
 
     def run(place="absent", setpoints=10, policies=("random",), **options):

@@ -15,7 +15,7 @@ from helpers.folders import contents, is_right, part_of, receipts, run_of
 
 import ibdata
 from ibdata import IbdataError
-from ibdata._system.files import read_sealed, sealed, write
+from ibdata._system.files import read_hashed, with_hash, write
 from ibdata._system.part import DATASET
 from ibdata._system.runs import FolderRun
 from ibdata.cli import main
@@ -131,7 +131,7 @@ def test_a_receipt_of_another_form_is_made_again(tiny, files, begun, content):
         for _ in range(9):
             np.save(arrays, np.frombuffer(content, np.uint8))
         content = arrays.getvalue()
-    receipt.write_bytes(sealed(content))
+    receipt.write_bytes(with_hash(content))
     ibdata.generate(TINY, "out", workers=1)
     assert is_right("out", tiny[0].path, files)
 
@@ -152,8 +152,8 @@ def test_a_pipe_in_a_run_hangs_nobody(begun, capsys):
     """Nor does an endless file, which is no regular one."""
     shutil.copytree(begun, ".", dirs_exist_ok=True)
     shutil.rmtree(part_of("other"))
-    run, note = run_of("out"), json.loads(read_sealed(run_of("out") / "run.json"))
-    write(run, "run.json", sealed(json.dumps({**note, "manifest": "0" * 64}).encode()))
+    run, note = run_of("out"), json.loads(read_hashed(run_of("out") / "run.json"))
+    write(run, "run.json", with_hash(json.dumps({**note, "manifest": "0" * 64}).encode()))
     (run / "dataset/meta").mkdir()
     os.mkfifo(run / "dataset/meta/manifest.json")
     for command in (["ls", "."], ["info", "out"]):
@@ -177,7 +177,7 @@ def test_a_note_of_another_form_is_one_line_for_every_reader(begun, note, capsys
     """As a newer ibdata may write it, or somebody forges it."""
     shutil.copytree(begun, ".", dirs_exist_ok=True)
     shutil.rmtree(part_of("other"))
-    (run_of("out") / "run.json").write_bytes(sealed(note))
+    (run_of("out") / "run.json").write_bytes(with_hash(note))
     lines = {
         ("info", "out"): "an unfinished run has 2 of ? shards here\n",
         ("validate", "out"): "an unfinished run has 2 of ? shards here\n",

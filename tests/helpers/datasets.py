@@ -16,10 +16,10 @@ import pytest
 
 import ibdata
 from ibdata import Dataset, Experiment
-from ibdata.generation.pieces import STATISTICS
+from ibdata.generation.pieces import INDEXED
 
 # Options of `pyarrow.parquet.write_table` with which a footer is as in a file of ibdata's.
-AS_WRITTEN: dict[str, Any] = {"write_statistics": list(STATISTICS), "use_dictionary": ["policy"]}
+AS_WRITTEN: dict[str, Any] = {"write_statistics": list(INDEXED), "use_dictionary": ["policy"]}
 Made = Callable[[Any, Path], Dataset]
 Digests = Callable[[pa.Table], dict[int, bytes]]
 Root = Callable[[Dataset, pa.Table], str]

@@ -29,7 +29,7 @@ def commands(tmp_path, monkeypatch):
     monkeypatch.setattr(processes, "purpose", "command")
     monkeypatch.setattr(small_work, "uncompiled", lambda function: tmp_path / "rows")
     monkeypatch.setattr(small_work, "interpret", lambda: asked.append(1))
-    for name in small_work.VARIABLES:
+    for name in small_work.MODE_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     Path("mine.yaml").write_text(MINE)
 
@@ -141,7 +141,7 @@ def environment(tmp_path, monkeypatch):
     """The variables of a shell in a folder with mine.yaml and an empty cache."""
     monkeypatch.chdir(tmp_path)
     Path("mine.yaml").write_text(MINE)
-    kept = {k: v for k, v in os.environ.items() if k not in small_work.VARIABLES}
+    kept = {k: v for k, v in os.environ.items() if k not in small_work.MODE_VARIABLES}
     return kept | {"IBDATA_CACHE_DIR": str(tmp_path / "cache")}
 
 

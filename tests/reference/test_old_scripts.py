@@ -50,7 +50,7 @@ def test_a_script_sees_the_numbers_that_the_package_gave_it_on_numpy_1_and_gives
 
 def test_the_scripts_reach_every_draw():
     """The cap of a μ, where α is drawn; several segments of a setpoint; a bound, where it may turn."""
-    column = {key: 19 + i for i, key in enumerate(published.VARIABLES)}  # after the ten costs
+    column = {key: 19 + i for i, key in enumerate(published.STATE_KEYS)}  # after the ten costs
     caps, bounds = [column["hv"], column["hg"]], (0.0, 100.0)
     for name in old_scripts.IDS_SCRIPTS:
         seen = old_scripts.rows(name, 300, published.IDS, published.IBGym)

@@ -12,7 +12,7 @@ from helpers import ROOT
 from reference import published
 
 from ibdata.environment.actions import DISCRETE
-from ibdata.published import IDS, VARIABLES, IBGym
+from ibdata.published import IDS, STATE_KEYS, IBGym
 
 PAGE = (ROOT / "docs/published.md").read_text(encoding="utf-8")
 TABLE, STATES = PAGE.split("## Names side by side")[1].split("## Why")[0].strip().split("\n\n")
@@ -59,7 +59,7 @@ def test_the_states_have_the_names_of_the_table():
     cells = [line.split("|")[1:3] for line in STATES.splitlines() if "=" not in line]
     pairs = [(re.findall(r"`(\w+)`", a), re.findall(r"`(\w+)`", b)) for a, b in cells]
     table = {key: name for a, b in pairs if len(a) == len(b) > 1 for key, name in zip(a, b, strict=True)}
-    assert table == {key: name for key, name in VARIABLES.items() if key != "coc"}
+    assert table == {key: name for key, name in STATE_KEYS.items() if key != "coc"}
 
 
 def test_ibdata_s_classes_have_all_but_what_the_page_names(wrapper):
