@@ -5,7 +5,8 @@ A room without an underscore is a noun of docs/index.md; one with an underscore 
 - dynamics: the equations, a file for each part of the paper
 - views: the variables, and what of them is seen and rewarded
 - policies: behaviours and their densities
-- experiment: from YAML to what is simulated, and the plan of a dataset's files
+- experiment: from YAML or Python to what is simulated
+- plan: the columns, shards and rows of an experiment's dataset, and consent to its code
 - generation: how a dataset comes to be: shards, their files and metadata, the build in a hidden part
 - dataset: a finished dataset, and what is read of it
 - evaluation: what policies are worth, by simulation, from data, or at single states

@@ -85,7 +85,7 @@ class Replay(NamedTuple):
 
     def begin(self, simulation: Simulation, which: Indices) -> list[RecordedStream]:
         """Begin the episodes of these lanes (k,). Returns the noise of each."""
-        from ibdata.experiment.rollout import episodes_of
+        from ibdata.plan.rollout import episodes_of
 
         noise = {}
         for experiment, positions, numbers in self.addresses.by_experiment(self.episodes[which]):

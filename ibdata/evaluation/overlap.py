@@ -14,7 +14,7 @@ from ibdata._simulation.replay import replay
 from ibdata.errors import UsageError
 from ibdata.evaluation.states import Replayable
 from ibdata.experiment import Experiment
-from ibdata.experiment.rollout import PART_ROWS, episodes_of
+from ibdata.plan.rollout import PART_ROWS, episodes_of
 from ibdata.policies import Policy
 from ibdata.policies.distributions import Distribution, applied
 from ibdata.policies.user_object import UserObject

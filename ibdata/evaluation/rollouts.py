@@ -24,8 +24,8 @@ from ibdata.dynamics.state import checked_state
 from ibdata.errors import UsageError, excerpt
 from ibdata.evaluation.play import rewarded, rewards_of
 from ibdata.evaluation.states import WATCHER, Replayable
-from ibdata.experiment.rollout import episodes_of
 from ibdata.experiment.scenario import scenario_of
+from ibdata.plan.rollout import episodes_of
 from ibdata.policies.distributions import finite_actions
 from ibdata.views.options import View, ViewOptions, Window, view_of
 

@@ -19,10 +19,10 @@ from ibdata.dataset.stored import Stored
 from ibdata.dynamics import State
 from ibdata.errors import DatasetError, UsageError, excerpt
 from ibdata.experiment import Experiment
-from ibdata.experiment.columns import layout
-from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
-from ibdata.experiment.rollout import PART_ROWS, episodes_of, write_columns
 from ibdata.generation.finish import refuse_other_plan
+from ibdata.plan.columns import layout
+from ibdata.plan.dataset_spec import DatasetSpec, declared_spec
+from ibdata.plan.rollout import PART_ROWS, episodes_of, write_columns
 from ibdata.policies import Policy
 from ibdata.policies.baselines import Constant
 

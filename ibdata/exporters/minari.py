@@ -21,9 +21,9 @@ import numpy as np
 from ibdata._numerics.arrays import Arrays
 from ibdata.dataset.reference_returns import scale_of
 from ibdata.errors import OUT, UsageError, parameter
-from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.exporters._source import Source
 from ibdata.exporters._target import hdf5_file, library
+from ibdata.plan.dataset_spec import declared_spec
 from ibdata.version import __version__
 
 ID = re.compile(r"([\w-][\w/-]*[\w-]/)?[\w-]+-v[0-9]+")  # the ids that Minari accepts, if they have a version

@@ -17,13 +17,13 @@ from ibdata._system.storage import Storage, url_of
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import OUT, OVERWRITE, SHARDS, DatasetError, IbdataError, Interrupted, UsageError, notice
-from ibdata.experiment.code import changed_here, names_of
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import finish
 from ibdata.generation.folder import Folder
 from ibdata.generation.record import OTHER_BITS, UNREADABLE, Record
 from ibdata.generation.shard import all_written, finished_shards
 from ibdata.generation.store import Store
+from ibdata.plan.consent import changed_here, names_of
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
 
 BuildPlace = Folder | Store
 

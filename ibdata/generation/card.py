@@ -15,8 +15,8 @@ from ibdata.dataset.returns import averages, behaviour_returns
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import column_texts
 from ibdata.errors import printable
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.metadata import info, splits
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.version import __version__
 
 DYNAMICS = {

@@ -12,9 +12,9 @@ from typing import Any
 from ibdata._system.files import FileEntry
 from ibdata.dataset import manifest
 from ibdata.dataset.models import ColumnEntry
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.card import ABOUT, KEYWORDS, bibtex, facts, how_to_make_again
 from ibdata.generation.metadata import info, splits
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.version import DATE, __version__
 
 Json = dict[str, Any]

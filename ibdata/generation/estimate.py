@@ -13,11 +13,11 @@ from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import counted, size
 from ibdata.dataset.tabular import Table, Tabular, pairs
 from ibdata.experiment import KEYS, Config, Overrides, load_all
-from ibdata.experiment.code import require_consent
-from ibdata.experiment.columns import layout
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.build import Build
 from ibdata.generation.generate import places_of
+from ibdata.plan.columns import layout
+from ibdata.plan.consent import require_consent
+from ibdata.plan.dataset_spec import DatasetSpec
 
 COMPRESSED = (
     0.65  # of the bytes of the numbers; for random and safe actions, much less for actions that repeat

@@ -24,12 +24,12 @@ from ibdata.dataset.models import Code, File, Manifest, ShardEntry
 from ibdata.dataset.stored import EPISODES_PATH, INFO_PATH, STATISTICS_PATH
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment, as_yaml
-from ibdata.experiment.columns import columns
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation import metadata
 from ibdata.generation.card import card_text
 from ibdata.generation.croissant import croissant
 from ibdata.generation.shard import WrittenShard, content_of
+from ibdata.plan.columns import columns
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
 from ibdata.version import __version__
 
 NEED_CONTENT = (EPISODES_PATH, STATISTICS_PATH)

@@ -21,13 +21,13 @@ from ibdata.dataset import manifest
 from ibdata.dataset.dataset import Dataset
 from ibdata.errors import OUT, OVERWRITE, SHARDS, UsageError, notice, without_credentials
 from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
-from ibdata.experiment.code import require_consent
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.build import Build, place_at, refuse_damage
 from ibdata.generation.process import Process, process_for
 from ibdata.generation.record import observe
 from ibdata.generation.small_work import interpret_few_rows
 from ibdata.generation.workers import Engine, select_engine
+from ibdata.plan.consent import require_consent
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
 
 MAX_PARTS = 100_000
 

@@ -14,11 +14,11 @@ from ibdata._numerics.arrays import Ints
 from ibdata.dataset.models import ColumnEntry, Counts, Info, JsonObject, SplitEntry, Statistics
 from ibdata.dataset.statistics import merged, statistics_of_columns
 from ibdata.dataset.stored import episode_schema
-from ibdata.experiment.columns import columns, layout
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.experiment.rollout import acting_in
 from ibdata.generation.pieces import arrow_array, arrow_strings, arrow_texts
 from ibdata.generation.shard import WrittenShard
+from ibdata.plan.columns import columns, layout
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
+from ibdata.plan.rollout import acting_in
 
 
 def as_json(data: Any) -> bytes:

@@ -17,9 +17,9 @@ from ibdata._system.progress import Advance, unseen
 from ibdata.dataset.digest import Values, episode_digests, text
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
-from ibdata.experiment.columns import Column, columns, layout
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.experiment.rollout import FilledColumns, TableBuffer, parts, rollout
+from ibdata.plan.columns import Column, columns, layout
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
+from ibdata.plan.rollout import FilledColumns, TableBuffer, parts, rollout
 
 ROW_GROUP_ROWS = 100_000
 INDEXED = ("episode", "step", "obs_setpoint")  # the columns by which rows are selected

@@ -24,7 +24,7 @@ from ibdata._system.pipes import Connection, start
 from ibdata._system.runs import Run
 from ibdata._system.signals import held, leave_to_parent
 from ibdata.errors import WORKERS, IbdataError, notice
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.policies.code import Acting, is_fresh
 
 # The path of modules comes from the parent. Before it is set, nothing is imported, because `python -c` looks

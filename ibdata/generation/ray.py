@@ -18,10 +18,10 @@ from ibdata._system.progress import unseen
 from ibdata._system.runs import Run
 from ibdata._system.signals import STOPPING, check
 from ibdata.errors import IbdataError, missing
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.process import Here, Process, WorkerTask
 from ibdata.generation.record import agree
 from ibdata.generation.workers import make_shard
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
 
 MAX_DEATHS = 3  # of workers, at one shard
 POLL = 0.2  # seconds between checks for a signal

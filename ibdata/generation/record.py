@@ -24,11 +24,11 @@ from ibdata.dataset.models import Code, Count, JsonObject, Sha256, Unchecked, pa
 from ibdata.dataset.statistics import moments
 from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment import Experiment
-from ibdata.experiment.code import changed, changed_here, names_of, record
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.rollout import episodes_of, rollout
 from ibdata.experiment.scenario import other_dynamics
 from ibdata.generation.metadata import as_json
+from ibdata.plan.consent import changed, changed_here, names_of, record
+from ibdata.plan.dataset_spec import DatasetSpec
+from ibdata.plan.rollout import episodes_of, rollout
 from ibdata.policies.user_object import UserObject, refuse_shared
 from ibdata.views.variables import ROWS
 

@@ -30,9 +30,9 @@ from ibdata._system.runs import Run
 from ibdata._system.signals import held
 from ibdata.dataset.statistics import Moments, RowStatistics, sums
 from ibdata.errors import IbdataError
-from ibdata.experiment.columns import columns, layout
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.pieces import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
+from ibdata.plan.columns import columns, layout
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
 
 WAITING = 2  # pieces that may be in progress
 AT_ONCE = 16  # receipts that are read

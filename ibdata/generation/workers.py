@@ -14,11 +14,11 @@ from ibdata._system.processes import available_processors
 from ibdata._system.runs import Run
 from ibdata._system.signals import check, held
 from ibdata.errors import UsageError
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
-from ibdata.experiment.rollout import TableBuffer
 from ibdata.generation.pieces import simulated
 from ibdata.generation.process import Process, RowsMade, Worker
 from ibdata.generation.shard import write_receipt, write_shard
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
+from ibdata.plan.rollout import TableBuffer
 
 ENGINES = ("local", "ray")
 MAX_WORKERS = 1024

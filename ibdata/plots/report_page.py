@@ -13,8 +13,8 @@ from ibdata.dataset.quality import Quality
 from ibdata.dataset.returns import results_table
 from ibdata.dataset.tabular import Tabular, column_texts
 from ibdata.experiment import as_yaml
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.card import ABOUT, facts
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.plots import PICTURES
 
 MOST = 100  # rows of a table, and experiments

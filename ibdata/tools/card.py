@@ -13,9 +13,9 @@ from ibdata.dataset import manifest
 from ibdata.dataset.dataset import to_write
 from ibdata.dataset.quality import quality
 from ibdata.errors import OVERWRITE, UsageError, notice
-from ibdata.experiment.dataset_spec import spec_in
 from ibdata.generation.card import card_of
 from ibdata.generation.finish import refuse_other_plan
+from ibdata.plan.dataset_spec import spec_in
 from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 

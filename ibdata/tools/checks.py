@@ -19,14 +19,14 @@ from ibdata.dataset.statistics import Moments
 from ibdata.dataset.stored import EPISODES_PATH, Stored
 from ibdata.errors import DatasetError, reason
 from ibdata.experiment import Experiment
-from ibdata.experiment.columns import columns
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard, spec_in
 from ibdata.experiment.yaml import Document
 from ibdata.generation.croissant import distribution
 from ibdata.generation.finish import NEED_CONTENT, first_difference, metadata_contents
 from ibdata.generation.metadata import splits
 from ibdata.generation.pieces import Piece, stored_pieces
 from ibdata.generation.shard import ShardSummarizer, ShardSummary, WrittenShard
+from ibdata.plan.columns import columns
+from ibdata.plan.dataset_spec import DatasetSpec, Shard, spec_in
 from ibdata.tools.rules import RULES, Broken, Problem, Rows, nulls
 
 PIECE_ROWS = 100_000  # as a row group has, which then is a piece where it holds whole episodes

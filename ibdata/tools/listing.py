@@ -16,8 +16,8 @@ from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import DatasetError, IbdataError, UsageError, without_credentials
-from ibdata.experiment.dataset_spec import DatasetSpec, declared_spec
 from ibdata.generation.record import Record
+from ibdata.plan.dataset_spec import DatasetSpec, declared_spec
 
 COLUMNS = ("dataset", "rows", "bytes", "setpoints", "policies", "content", "state")
 MOST_NAMES = 3  # of setpoints or policies that are shown

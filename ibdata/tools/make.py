@@ -24,8 +24,8 @@ from ibdata.environment import ID
 from ibdata.errors import BusyError, DatasetError, UsageError, missing, notice
 from ibdata.experiment import Experiment, load, shipped
 from ibdata.experiment.catalogue import full_name
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.generate import generate
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.tools.validate import validate
 from ibdata.views.options import View
 

@@ -11,7 +11,7 @@ from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import NAME_PATTERN, counted
 from ibdata.dataset.dataset import Dataset
 from ibdata.errors import UsageError
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.plan.dataset_spec import DatasetSpec, spec_in
 from ibdata.tools.rewrite import write_dataset
 
 

@@ -16,8 +16,6 @@ from ibdata._system.storage import local
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, UsageError, notice
-from ibdata.experiment.code import require_consent
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard, declared_spec, spec_in
 from ibdata.generation import metadata
 from ibdata.generation.card import card_of
 from ibdata.generation.croissant import croissant
@@ -32,6 +30,8 @@ from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
 from ibdata.generation.shard import WrittenShard, all_written, content_of
 from ibdata.generation.workers import make_shards, refuse_workers
+from ibdata.plan.consent import require_consent
+from ibdata.plan.dataset_spec import DatasetSpec, Shard, declared_spec, spec_in
 from ibdata.tools.checks import check_shard, splits_problems
 from ibdata.tools.validate import Hashing, card_problems, unlisted_files, validate
 

@@ -11,12 +11,12 @@ from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, notice, parameter
-from ibdata.experiment.code import changed_here, consented_spec, names_of
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard
 from ibdata.generation.finish import refuse_other_plan, root_of
 from ibdata.generation.pieces import simulated
 from ibdata.generation.process import process_for
 from ibdata.generation.record import known_answer, warm_up
+from ibdata.plan.consent import changed_here, consented_spec, names_of
+from ibdata.plan.dataset_spec import DatasetSpec, Shard
 from ibdata.tools.rules import Problem
 from ibdata.tools.validate import changed_files
 

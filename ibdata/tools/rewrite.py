@@ -19,8 +19,6 @@ from ibdata.dataset.episodes import BLOCK_ROWS
 from ibdata.dataset.models import Manifest
 from ibdata.errors import BusyError, DatasetError, IbdataError, notice
 from ibdata.experiment import Experiment
-from ibdata.experiment.columns import layout
-from ibdata.experiment.dataset_spec import DatasetSpec, Shard, spec_in
 from ibdata.generation import metadata
 from ibdata.generation.build import Build
 from ibdata.generation.card import with_splits_of
@@ -28,6 +26,8 @@ from ibdata.generation.finish import refuse_other_plan
 from ibdata.generation.pieces import Piece, stored_pieces
 from ibdata.generation.record import Record
 from ibdata.generation.shard import write_receipt, write_shard
+from ibdata.plan.columns import layout
+from ibdata.plan.dataset_spec import DatasetSpec, Shard, spec_in
 
 
 def write_dataset(spec: DatasetSpec, source: Dataset, out: str | os.PathLike[str]) -> Dataset:

@@ -15,10 +15,10 @@ from ibdata.dataset.tabular import Table, Tabular
 from ibdata.dynamics.setpoint import D_G, D_H, D_V
 from ibdata.errors import DatasetError
 from ibdata.experiment import Experiment
-from ibdata.experiment.columns import Column
-from ibdata.experiment.dataset_spec import Shard
-from ibdata.experiment.rollout import expert_actions, log_densities
 from ibdata.generation.pieces import index_columns, policy_numbers
+from ibdata.plan.columns import Column
+from ibdata.plan.dataset_spec import Shard
+from ibdata.plan.rollout import expert_actions, log_densities
 from ibdata.policies.user_object import UserObject
 
 

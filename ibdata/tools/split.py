@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from ibdata._numerics.arguments import public
 from ibdata.dataset.dataset import Dataset, Place, to_write
 from ibdata.errors import UsageError, meant
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
 from ibdata.experiment.fields import Split
+from ibdata.plan.dataset_spec import DatasetSpec, spec_in
 from ibdata.tools.rewrite import relabel, write_dataset
 
 SplitArg = Annotated[Mapping[str, Any] | Split | None, "a mapping such as {'setpoint': 20}"]

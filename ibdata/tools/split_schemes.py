@@ -11,7 +11,7 @@ from ibdata._numerics.arguments import public
 from ibdata._numerics.naming import counted, exact
 from ibdata.dataset.dataset import Place, to_write
 from ibdata.errors import UsageError
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.plan.dataset_spec import DatasetSpec, spec_in
 
 SplitsByName = dict[str, dict[str, Any] | None]  # None removes a split that an earlier call made
 FRACTION_NAMES = {2: ("train", "test"), 3: ("train", "validation", "test")}  # by the number of fractions

@@ -14,9 +14,9 @@ from ibdata._system.storage import existing, storage
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
-from ibdata.experiment.dataset_spec import declared_spec
 from ibdata.generation.finish import plan_problems, root_of
 from ibdata.generation.shard import WrittenShard, content_of
+from ibdata.plan.dataset_spec import declared_spec
 from ibdata.tools.checks import check_shard, metadata_problems, splits_problems
 from ibdata.tools.rules import Findings, Problem
 

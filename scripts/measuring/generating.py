@@ -9,8 +9,8 @@ from contextlib import closing
 from functools import partial
 from typing import Any
 
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation.process import Worker
+from ibdata.plan.dataset_spec import DatasetSpec
 from measuring.timing import COMMAND, MILLION, TIMES, Child, Row, Scratch, described, paired
 
 PUBLISHED = """

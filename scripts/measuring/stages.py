@@ -7,10 +7,10 @@ import tempfile
 import pyarrow.parquet as pq
 
 from ibdata.dataset.statistics import moments
-from ibdata.experiment.columns import columns
-from ibdata.experiment.dataset_spec import DatasetSpec
-from ibdata.experiment.rollout import rollout
 from ibdata.generation.pieces import ROW_GROUP_ROWS, Piece, arrow_schema, writer_options
+from ibdata.plan.columns import columns
+from ibdata.plan.dataset_spec import DatasetSpec
+from ibdata.plan.rollout import rollout
 from measuring.timing import MILLION, Row, described, paired
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ibdata import Experiment
-from ibdata.experiment.rollout import rollout
+from ibdata.plan.rollout import rollout
 
 Columns = dict[str, npt.NDArray[np.float64]]
 

@@ -11,8 +11,8 @@ import pytest
 
 from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, as_yaml, load, shipped
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.yaml import Document
+from ibdata.plan.dataset_spec import DatasetSpec
 
 SPECIAL = {
     "least": ["version: 1"],

@@ -14,9 +14,9 @@ from ibdata import IbdataError
 from ibdata._system import part as parts
 from ibdata.cli import main
 from ibdata.errors import BusyError, UsageError
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import folder, record, workers
 from ibdata.generation.generate import PartMade, Range
+from ibdata.plan.dataset_spec import DatasetSpec
 
 SHARDS = DatasetSpec.of(TEN).shards
 OTHER = TEN.model_copy(update={"seed": 1})

@@ -8,7 +8,7 @@ import pytest
 import ibdata
 from ibdata._simulation.carry import begin
 from ibdata._simulation.unroll import observed
-from ibdata.experiment.rollout import episodes_of
+from ibdata.plan.rollout import episodes_of
 from ibdata.policies.checked import ask
 from ibdata.policies.distributions import applied
 from ibdata.policies.expert import Expert

@@ -12,7 +12,7 @@ import ibdata
 from ibdata.dataset import manifest
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.policies import base
 
 NETWORK = {"kind": "network", "file": "actor.safetensors"}

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 import ibdata
 from ibdata.dataset import statistics
 from ibdata.dataset.statistics import Moments, merged, moments, statistics_of_columns
-from ibdata.experiment.rollout import FilledColumns, rollout
 from ibdata.generation import pieces as columns
 from ibdata.generation import shard
+from ibdata.plan.rollout import FilledColumns, rollout
 from ibdata.tools import checks
 
 
@@ -27,8 +27,8 @@ def small_parts(monkeypatch):
     """Parts of 8 episodes, 160 rows, and row groups of 100 rows."""
 
     def shrink():
-        monkeypatch.setattr("ibdata.experiment.rollout.LANES", 8)
-        monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", 200)
+        monkeypatch.setattr("ibdata.plan.rollout.LANES", 8)
+        monkeypatch.setattr("ibdata.plan.rollout.PART_ROWS", 200)
         monkeypatch.setattr(shard, "ROW_GROUP_ROWS", 100)
 
     return shrink
@@ -68,8 +68,8 @@ USES = {
 
 
 def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
-    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 10)
-    monkeypatch.setattr("ibdata.experiment.rollout.PART_ROWS", PART)
+    monkeypatch.setattr("ibdata.plan.rollout.LANES", 10)
+    monkeypatch.setattr("ibdata.plan.rollout.PART_ROWS", PART)
     made = ibdata.generate(describe(episodes=50), tmp_path / "made", workers=1)
     assert len(made.manifest["shards"]) == 1
     held = []

@@ -11,8 +11,8 @@ from ibdata._numerics.compiled import FUNCTIONS
 from ibdata._system import processes
 from ibdata._system.configs import shipped
 from ibdata.experiment import load
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import small_work
+from ibdata.plan.dataset_spec import DatasetSpec
 
 EVERYTHING = """
 name: {dynamics}

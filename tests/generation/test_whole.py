@@ -21,10 +21,10 @@ from ibdata._system.runs import FolderRun
 from ibdata.cli import main
 from ibdata.dataset.models import Code
 from ibdata.errors import DatasetError, Interrupted, UsageError
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import shard as shard_writing
 from ibdata.generation import workers
 from ibdata.generation.record import Record
+from ibdata.plan.dataset_spec import DatasetSpec
 
 
 def unreadable(monkeypatch):

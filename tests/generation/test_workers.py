@@ -17,9 +17,9 @@ from helpers.folders import contents, part_of, receipts
 import ibdata
 from ibdata import Experiment, IbdataError
 from ibdata.experiment import load
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.generation import ray, workers
 from ibdata.generation.process import WorkerTask
+from ibdata.plan.dataset_spec import DatasetSpec
 
 slow = pytest.mark.slow  # a process starts in more than a second
 

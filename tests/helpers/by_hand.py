@@ -9,7 +9,7 @@ import numpy as np
 from ibdata._numerics.exact import exponential, normal
 from ibdata._numerics.random import Purpose
 from ibdata.dynamics import Noise, State, step
-from ibdata.experiment.dataset_spec import spec_in
+from ibdata.plan.dataset_spec import spec_in
 
 
 def experiment_of(dataset):

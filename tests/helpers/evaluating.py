@@ -14,7 +14,7 @@ from ibdata.evaluation.baselines import WHOLE, Baseline, measured
 from ibdata.evaluation.importance import of_ratios
 from ibdata.evaluation.overlap import Part, Recorded, log_ratios, refuse_remembered_draws
 from ibdata.experiment import Experiment
-from ibdata.experiment.rollout import rollout
+from ibdata.plan.rollout import rollout
 
 # The evaluation of the sets at setpoint 70.
 LITERATURE = {"setpoint": 70.0, "start": "default", "dynamics": "siemens", "steps": 100, "discount": 0.97}

@@ -17,8 +17,8 @@ from ruamel.yaml import YAML
 from ibdata._numerics.confidence import mean_estimate, t_quantile
 from ibdata._numerics.naming import exact, yaml_name
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import SplitName
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.tools.split_schemes import folds
 
 SETPOINTS = st.just(0.0) | st.floats(1e-30, 100.0)

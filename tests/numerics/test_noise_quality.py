@@ -24,7 +24,7 @@ from ibdata._numerics.random import Purpose, integers, stream_key
 from ibdata.dynamics import SIEMENS, Noise
 from ibdata.dynamics.fatigue import ALPHA_MEAN, ALPHA_SD, TOLERANCE, bernoulli, squashed_exponential
 from ibdata.dynamics.noise import DRIFT_SLOTS, DYNAMICS_SLOTS, NOISE_ROWS, drift_noise, standard_noise
-from ibdata.experiment.rollout import rollout
+from ibdata.plan.rollout import rollout
 from ibdata.views.variables import AMPLIFICATION_START
 
 MILLION = 1_000_000

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 import ibdata
 from ibdata.experiment import Experiment, as_yaml, load
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.policies import POLICIES
 from ibdata.testing import check_policy
 
@@ -94,7 +94,7 @@ class Ramp(Policy):
 '''
 CHILD = """
 from ibdata.experiment import Experiment
-from ibdata.experiment.rollout import rollout
+from ibdata.plan.rollout import rollout
 made = rollout(Experiment(name="x", setpoints=70, steps=3, policies=[{"kind": "ramp", "slope": 0.5}]), 0, 1)
 print([made.table[made.names.index(f"act_{x}")].tolist() for x in ("velocity", "gain", "shift")])
 """

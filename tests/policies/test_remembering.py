@@ -32,7 +32,7 @@ def test_what_is_remembered_is_the_same_in_any_block(make, monkeypatch):
     policy = make()
     together = returns(policy)
     assert len(set(together)) == 5
-    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 2)
+    monkeypatch.setattr("ibdata.plan.rollout.LANES", 2)
     assert returns(policy) == returns(make()) == together
     check_policy(policy, checked.histories(4, 1))
 

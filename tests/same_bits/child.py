@@ -28,8 +28,9 @@ from ruamel.yaml import YAML
 
 import ibdata
 from ibdata._simulation import unroll
-from ibdata.experiment import Experiment, rollout
+from ibdata.experiment import Experiment
 from ibdata.generation import process, record
+from ibdata.plan import rollout
 
 HERE = Path(__file__).resolve().parent
 BEGIN = """\

@@ -15,7 +15,7 @@ from ibdata._simulation.episodes import record_rows
 from ibdata._simulation.unroll import unroll
 from ibdata.errors import PolicyError
 from ibdata.experiment import Experiment
-from ibdata.experiment.rollout import episodes_of, rollout
+from ibdata.plan.rollout import episodes_of, rollout
 from ibdata.policies import Decision, Distribution, Needs, Policy
 
 STEPS = 13
@@ -95,7 +95,7 @@ def played(experiment, first=0, stop=8):
 @pytest.fixture
 def questions(monkeypatch):
     """The experiment, its columns, and what the policy was given, by field (8 episodes, steps, …)."""
-    monkeypatch.setattr("ibdata.experiment.rollout.LANES", 3)
+    monkeypatch.setattr("ibdata.plan.rollout.LANES", 3)
     monkeypatch.setattr("ibdata._simulation.unroll.BLOCK", 4)
     monkeypatch.setattr(Recalling, "given", [])
     experiment = described(Recalling())

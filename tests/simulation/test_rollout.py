@@ -11,7 +11,7 @@ from ibdata._simulation.kernel import scatter_columns
 from ibdata._simulation.unroll import BLOCK
 from ibdata.dynamics import initial_state, step
 from ibdata.experiment import Experiment
-from ibdata.experiment.rollout import rollout
+from ibdata.plan.rollout import rollout
 
 DYNAMICS, DRIFT, POLICY, START, BURN_IN_DYNAMICS, BURN_IN_DRIFT, BURN_IN_POLICY = range(7)
 OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ibdata.experiment import Experiment
-from ibdata.experiment.columns import columns
+from ibdata.plan.columns import columns
 
 OBSERVATION = ["setpoint", "velocity", "gain", "shift", "fatigue", "consumption"]
 HIDDEN = [*(f"theta_{lag}" for lag in range(1, 10)), "domain", "response", "direction", "mu_v", "mu_g"]

@@ -16,12 +16,12 @@ from ibdata._system.storage import Storage
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
-from ibdata.experiment.columns import layout
-from ibdata.experiment.dataset_spec import spec_in
 from ibdata.generation.finish import finish
 from ibdata.generation.metadata import as_json
 from ibdata.generation.pieces import stored_pieces
 from ibdata.generation.shard import ShardSummarizer, WrittenShard
+from ibdata.plan.columns import layout
+from ibdata.plan.dataset_spec import spec_in
 from ibdata.tools.reproduce import reproduce
 from ibdata.tools.validate import validate
 

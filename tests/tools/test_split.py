@@ -14,8 +14,8 @@ from ibdata.cli.make import split_command
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, UsageError
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import DatasetSpec
 from ibdata.experiment.fields import Split
+from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.tools.rewrite import relabel
 from ibdata.tools.split_schemes import SCHEMES, by_episode, by_policy, leave_one_out, transfer
 

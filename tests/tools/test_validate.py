@@ -15,7 +15,7 @@ from helpers.folders import seal
 import ibdata
 from ibdata._system.storage import Storage
 from ibdata.errors import BusyError
-from ibdata.experiment.dataset_spec import spec_in
+from ibdata.plan.dataset_spec import spec_in
 from ibdata.tools.checks import check_shard
 from ibdata.tools.validate import validate
 

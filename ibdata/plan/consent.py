@@ -18,7 +18,7 @@ from ibdata._system.files import file_sha256
 from ibdata.dataset.models import Code
 from ibdata.dataset.stored import Stored
 from ibdata.errors import ALLOW_CODE, UsageError, printable
-from ibdata.experiment.dataset_spec import DatasetSpec, spec_in
+from ibdata.plan.dataset_spec import DatasetSpec, spec_in
 from ibdata.policies.code import OTHERS, file_of, is_of_user, refuse_within_itself, two_places
 from ibdata.policies.user_object import Custom, ObjectPolicy, UserObject
 

@@ -15,8 +15,8 @@ from ibdata._simulation.episodes import Episodes, FloatTable, draw_uniforms
 from ibdata._simulation.replay import replay
 from ibdata._simulation.unroll import LANES, Block, unroll
 from ibdata._system.progress import Advance, unseen
-from ibdata.experiment.columns import Layout, layout
 from ibdata.experiment.models import Experiment
+from ibdata.plan.columns import Layout, layout
 from ibdata.policies import OBSERVATION
 from ibdata.policies.compound import PolicyMixture
 from ibdata.policies.distributions import Distribution, applied

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ibdata.experiment import Experiment
-from ibdata.experiment.dataset_spec import DatasetSpec
+from ibdata.plan.dataset_spec import DatasetSpec
 
 POLICIES = [{"kind": "random"}, {"kind": "safe"}, {"kind": "constant", "name": "still"}]
 LABELS = ["random", "safe", "still"]
