@@ -45,16 +45,16 @@ HIDDEN = "…"
 OPEN_VALUES = ("region", "scheme", "endpoint_override")
 
 
-def without_credentials(text: str) -> str:
+def public_url(text: str) -> str:
     """Return a text without the credentials of the URLs in it.
 
     >>> hidden("s3://KEY:SECRET@bucket/name?region=eu&session_token=abc: missing")
     's3://…@bucket/name?region=eu&session_token=…: missing'
     """
-    return URL.sub(_without_credentials, text)
+    return URL.sub(_public_url, text)
 
 
-def _without_credentials(url: re.Match[str]) -> str:
+def _public_url(url: re.Match[str]) -> str:
     place, query = USER.sub(f"{HIDDEN}@", url["place"], count=1), url["query"] or ""
     return url["scheme"] + place + VALUE.sub(_without_value, query)
 
@@ -72,7 +72,7 @@ class IbdataError(ValueError):
     exit_code = 1
 
     def __init__(self, message: str = "") -> None:
-        self._message = without_credentials(message)  # which may be made in a process and shown by another
+        self._message = public_url(message)  # which may be made in a process and shown by another
         super().__init__(_worded(self._message))
 
     def __str__(self) -> str:
@@ -109,13 +109,13 @@ def printable(line: str) -> str:
 
 def notice(line: str, prefix: str = "ibdata: ") -> None:
     """Print a line on stderr, without control characters and the credentials of URLs."""
-    print(f"{prefix}{printable(without_credentials(_worded(line)))}", file=sys.stderr, flush=True)
+    print(f"{prefix}{printable(public_url(_worded(line)))}", file=sys.stderr, flush=True)
 
 
 def reason(error: BaseException) -> str:
     """What an error says, in one line without credentials."""
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    line = without_credentials((text.splitlines() or [""])[0])  # hides credentials before the line is cut
+    line = public_url((text.splitlines() or [""])[0])  # hides credentials before the line is cut
     return (printable(line) or type(error).__name__)[:300]
 
 

@@ -21,15 +21,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from ibdata._system.files import FileEntry, is_litter, open_regular, paths_in
 from ibdata._system.signals import held
-from ibdata.errors import (
-    DatasetError,
-    IbdataError,
-    UsageError,
-    missing,
-    printable,
-    reason,
-    without_credentials,
-)
+from ibdata.errors import DatasetError, IbdataError, UsageError, missing, printable, public_url, reason
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -118,7 +110,7 @@ class Remote(Storage):
     def __init__(self, url: str) -> None:
         scheme, _, rest = url.partition("://")
         self.url = f"{scheme.lower()}://{rest}".rstrip("/")
-        self.name = without_credentials(self.url)
+        self.name = public_url(self.url)
         self._given = self.url
         self._files, base = _file_system(self.url)
         self._base = base.rstrip("/")
@@ -215,7 +207,7 @@ class Remote(Storage):
         """The files at another path of the same file system."""
         found, (head, mark, query) = copy(self), self.url.partition("?")
         found.url, found._base = other(head.rstrip("/")) + mark + query, other(self._base)
-        found.name = without_credentials(found.url)
+        found.name = public_url(found.url)
         return found
 
     def around(self, path: str) -> str | None:
@@ -327,7 +319,7 @@ def refuse_url(*places: Any) -> None:
 
 
 def _url_refused(url: str) -> UsageError:
-    return UsageError(f"{printable(without_credentials(url))}: found a URL, expected a path on this machine")
+    return UsageError(f"{printable(public_url(url))}: found a URL, expected a path on this machine")
 
 
 def _file_system(url: str) -> tuple[Any, str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import click
 
 from ibdata._numerics.naming import counted, size
-from ibdata.errors import notice, printable, without_credentials
+from ibdata.errors import notice, printable, public_url
 
 if TYPE_CHECKING:
     from ibdata.dataset.dataset import Dataset
@@ -66,7 +66,7 @@ def say(text: str) -> None:
     credentials in URLs are hidden.
     """
     for line in text.removesuffix("\n").split("\n"):
-        click.echo(printable(without_credentials(line)))
+        click.echo(printable(public_url(line)))
 
 
 def print_json(data: Mapping[str, Any], indent: int | None = None) -> None:
@@ -77,7 +77,7 @@ def print_json(data: Mapping[str, Any], indent: int | None = None) -> None:
 def _plain(data: Any) -> Any:
     """Data without credentials, and with null in place of NaN and infinities, which JSON does not have."""
     if isinstance(data, str):
-        return without_credentials(data)
+        return public_url(data)
     if isinstance(data, float):
         return data if math.isfinite(data) else None
     if isinstance(data, Mapping):

@@ -24,7 +24,7 @@ FINITE = float(np.finfo(np.float64).max)
 UNREAD = {"fatigue", "consumption", "reward", *of_role("derived")}
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class State:
     """The Markov state of n lanes and the values derived from it: a row of one array for each variable.
 
@@ -39,6 +39,9 @@ class State:
     def zeros(cls, n: int) -> State:
         """A state of n lanes in which every variable is 0."""
         return cls(np.zeros((len(ROWS), n)))
+
+    def __repr__(self) -> str:
+        return f"<State of {self.lanes} lanes: {', '.join(FIELDS)}>"
 
     def __getattr__(self, name: str) -> npt.NDArray[Any]:
         if name == "operational_cost":

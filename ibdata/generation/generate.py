@@ -19,7 +19,7 @@ from ibdata._system.progress import Progress
 from ibdata._system.storage import is_url, local, url_of
 from ibdata.dataset import manifest
 from ibdata.dataset.dataset import Dataset
-from ibdata.errors import OUT, OVERWRITE, SHARDS, UsageError, notice, without_credentials
+from ibdata.errors import OUT, OVERWRITE, SHARDS, UsageError, notice, public_url
 from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
 from ibdata.generation.build import Build, place_at, refuse_damage
 from ibdata.generation.process import Process, process_for
@@ -235,7 +235,7 @@ def make_range(
             with build.open(record, shared=True):
                 _make_shards(build, shards, process, engine, progress)
                 missing = 0 if build.is_published() else len(spec.shards) - build.finished
-    shown = without_credentials(place) if isinstance(place, str) else place
+    shown = public_url(place) if isinstance(place, str) else place
     return PartMade(shown, len(shards), spec.rows_in(shards), missing, str(shard_range))
 
 

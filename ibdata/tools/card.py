@@ -12,6 +12,7 @@ from ibdata._system.storage import local
 from ibdata.dataset import manifest
 from ibdata.dataset.dataset import to_write
 from ibdata.dataset.quality import quality
+from ibdata.dataset.tabular import pairs
 from ibdata.errors import OVERWRITE, UsageError, notice
 from ibdata.generation.card import card_of
 from ibdata.generation.finish import refuse_other_plan
@@ -20,8 +21,15 @@ from ibdata.plots import drawn
 from ibdata.plots.report_page import page
 
 
+class Written(list[Path]):
+    """The files that were written."""
+
+    def __repr__(self) -> str:
+        return pairs([(path.stem.lower(), path) for path in self])
+
+
 @public
-def card(folder: str | os.PathLike[str], overwrite: bool = False) -> list[Path]:
+def card(folder: str | os.PathLike[str], overwrite: bool = False) -> Written:
     """Write the card README.md and the report report.html of a dataset.
 
     The report shows pictures, returns, statistics, experiment and provenance in one file that needs no
@@ -62,7 +70,7 @@ def card(folder: str | os.PathLike[str], overwrite: bool = False) -> list[Path]:
             write(path, name, text)
     if why:
         notice(why)
-    return [path / name for name in texts]
+    return Written(path / name for name in texts)
 
 
 def _refuse_edited(file: Path, own: set[bytes], overwrite: bool) -> None:

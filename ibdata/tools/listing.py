@@ -15,7 +15,7 @@ from ibdata._system.storage import Remote, Storage, local, url_of
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.errors import DatasetError, IbdataError, UsageError, without_credentials
+from ibdata.errors import DatasetError, IbdataError, UsageError, public_url
 from ibdata.generation.record import Record
 from ibdata.plan.dataset_spec import DatasetSpec, declared_spec
 
@@ -96,7 +96,7 @@ def datasets_in(folder: str | os.PathLike[str]) -> Listing:
     """
     if url := url_of(folder):
         files = Remote(url)
-        return Listing(without_credentials(url), [*_unfinished_at(files), *_in_store(files)])
+        return Listing(public_url(url), [*_unfinished_at(files), *_in_store(files)])
     root = local(folder)
     if not os.path.isdir(root):
         raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")
