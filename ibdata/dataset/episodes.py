@@ -25,6 +25,7 @@ from ibdata.dataset.selection import (
     SplitArg,
     in_splits,
     meeting,
+    within_returns,
 )
 from ibdata.dataset.splits import Splits, with_later
 from ibdata.dataset.stored import Mask, Stored
@@ -182,9 +183,9 @@ class SomeEpisodes:
         """
         if all(condition is None for condition in (split, setpoint, policy, episodes, returns)):
             return self
-        whatever_return = self.inside & meeting(self.stored, split, setpoint, policy, episodes, None)
+        whatever_return = self.inside & meeting(self.stored, split, setpoint, policy, episodes)
         selected = copy.copy(self)
-        selected.mask = whatever_return & meeting(self.stored, None, None, None, None, returns)
+        selected.mask = whatever_return & within_returns(self.stored, returns)
         is_whole = self.mask is None and all(x is None for x in (setpoint, policy, episodes, returns))
         selected.chosen_split = split if is_whole else None
         selected.is_by_returns = self.is_by_returns or not np.array_equal(selected.mask, whatever_return)

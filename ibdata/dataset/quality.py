@@ -237,8 +237,8 @@ class Coverage:
     its own, from the same velocity, gain and shift; docs/quality.md says why.
     """
 
-    def __init__(self, seed: int = 0) -> None:
-        self._rng = np.random.Generator(np.random.Philox(seed))
+    def __init__(self) -> None:
+        self._rng = np.random.Generator(np.random.Philox(0))
         self._pairs, self._reference = np.zeros((2, PAIRS), dtype=bool)
 
     def add(self, setpoint: Floats, steerings: Floats, actions: Floats, lengths: Ints) -> None:

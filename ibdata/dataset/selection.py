@@ -13,7 +13,6 @@ import numpy.typing as npt
 from ibdata._numerics.arrays import Ints
 from ibdata._numerics.naming import decimal, exact
 from ibdata.dataset.models import Info
-from ibdata.dataset.splits import runs_of
 from ibdata.dataset.stored import Mask, Stored
 from ibdata.errors import UsageError, excerpt, suggestion
 
@@ -90,13 +89,17 @@ def refuse_columns(columns: ColumnsArg) -> None:
         raise UsageError("columns: found columns beside a view, which has its own; leave one out")
 
 
-def limits_of(returns: tuple[float | None, float | None]) -> tuple[float, float]:
-    """The lowest and the highest return. Raises UsageError if the first is above the second."""
-    low, high = returns if len(returns) == 2 else (math.nan, math.nan)
-    limits = -math.inf if low is None else low, math.inf if high is None else high
-    if not limits[0] <= limits[1]:
+def within_returns(stored: Stored, returns: ReturnsArg) -> Mask | bool:
+    """Whether the return of each episode is within the limits. Raises UsageError for invalid ones."""
+    if returns is None:
+        return True
+    lowest, highest = returns if len(returns) == 2 else (math.nan, math.nan)
+    low, high = -math.inf if lowest is None else lowest, math.inf if highest is None else highest
+    if not low <= high:
         raise UsageError(f"returns: found {returns}, expected the lowest and the highest one")
-    return limits
+    values = stored.episodes["return"].to_numpy()
+    mask: Mask = (low <= values) & (values <= high)
+    return mask
 
 
 def checked_length(length: int, name: str = "history") -> int:
@@ -118,16 +121,11 @@ def checked_history(history: int, pad: str) -> bool:
 
 
 def meeting(
-    stored: Stored,
-    split: SplitArg,
-    setpoint: SetpointArg,
-    policy: PolicyArg,
-    numbers: EpisodesArg,
-    returns: ReturnsArg,
+    stored: Stored, split: SplitArg, setpoint: SetpointArg, policy: PolicyArg, numbers: EpisodesArg
 ) -> Mask:
     """Whether each episode of a dataset meets all conditions that are not None.
 
-    Raises UsageError if the dataset has no such split, setpoint, policy or episode, or for invalid limits.
+    Raises UsageError if the dataset has no such split, setpoint, policy or episode.
     """
     table = stored.episodes
     mask = np.ones(len(table), dtype=np.bool_)
@@ -152,10 +150,6 @@ def meeting(
                 "bootstrap, draw from the rows that `arrays` gives, by their `episode`"
             )
         mask &= chosen == 1
-    if returns is not None:
-        low, high = limits_of(returns)
-        values = table["return"].to_numpy()
-        mask &= (low <= values) & (values <= high)
     return mask
 
 
@@ -163,7 +157,8 @@ def in_splits(stored: Stored, splits: Sequence[str]) -> Mask:
     """Whether each episode is in one of these splits."""
     mask = np.zeros(len(stored.episodes), dtype=np.bool_)
     for split in splits:
-        for first, stop in runs_of(split, stored.splits[split], stored.manifest):
+        declared = [shard.episodes for shard in stored.manifest.shards if split in shard.splits]
+        for first, stop in [*declared, *stored.splits[split].runs]:
             mask[first:stop] = True
     return mask
 

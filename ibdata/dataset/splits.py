@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from ibdata._numerics.arrays import Ints
 from ibdata.dataset.models import Manifest, SplitEntry
 from ibdata.dataset.tabular import Table, Tabular
 
@@ -53,11 +52,6 @@ def _holds(entry: SplitEntry, manifest: Manifest) -> bool:
     )
 
 
-def runs_of(name: str, entry: SplitEntry, manifest: Manifest) -> list[list[int]]:
-    """The episodes of a split, as runs [first, stop]."""
-    return [*(shard.episodes for shard in manifest.shards if name in shard.splits), *entry.runs]
-
-
 def with_later(episodes: pa.Table, entries: Mapping[str, SplitEntry]) -> pa.Table:
     """The table of episodes with the later splits of each episode behind the declared ones."""
     later = {name: entry.runs for name, entry in entries.items() if not entry.declared}
@@ -67,7 +61,7 @@ def with_later(episodes: pa.Table, entries: Mapping[str, SplitEntry]) -> pa.Tabl
     owners = [np.repeat(np.arange(len(column)), np.diff(column.offsets.to_numpy()))]
     names = [column.flatten()]
     for name, runs in later.items():
-        numbers = numbers_in(runs)
+        numbers = np.concatenate([np.arange(first, stop) for first, stop in runs])
         owners.append(numbers)
         names.append(pa.repeat(name, len(numbers)))
     owner = np.concatenate(owners)
@@ -76,12 +70,3 @@ def with_later(episodes: pa.Table, entries: Mapping[str, SplitEntry]) -> pa.Tabl
     offsets = pa.array(np.concatenate([[0], ends]), pa.int32())
     lists = pa.ListArray.from_arrays(offsets, pa.concat_arrays(names).take(pa.array(order)))
     return episodes.set_column(episodes.column_names.index("splits"), "splits", lists)
-
-
-def numbers_in(runs: Iterable[list[int]]) -> Ints:
-    """The numbers in runs [first, stop].
-
-    >>> numbers_in([[0, 2], [5, 6]])
-    array([0, 1, 5])
-    """
-    return np.concatenate([np.arange(first, stop) for first, stop in runs])

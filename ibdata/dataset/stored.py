@@ -53,9 +53,6 @@ _EPISODE_SCHEMA = pa.schema(
 )
 
 
-SETPOINT_TYPES = ("float32", "float64")
-
-
 def episode_schema(dtype: str) -> pa.Schema:
     """The columns of the table of episodes, whose setpoints have this type."""
     return _EPISODE_SCHEMA.set(3, pa.field("setpoint", pa.type_for_alias(dtype)))
@@ -132,7 +129,7 @@ class Stored:
         """meta/episodes.table: a row for each episode; of the splits, the declared ones."""
         data, episodes = self.read(EPISODES_PATH), self.manifest.shards[-1].episodes[1]
         table = parquet.read(self.storage, EPISODES_PATH, _EPISODE_SCHEMA.names, rows=episodes, data=data)
-        known = table.schema in map(episode_schema, SETPOINT_TYPES)
+        known = table.schema in map(episode_schema, ("float32", "float64"))
         if not known or any(column.null_count for column in table.columns):
             problem = "found other columns than ibdata writes; see ibdata validate"
             raise self.storage.error(EPISODES_PATH, problem)

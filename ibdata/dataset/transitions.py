@@ -154,8 +154,6 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     frames, after = _now_and_after(table, options.columns(info.drifting))
     kinds = {name: BESIDE[name] for name in beside(info, options)}
     more = {name: kind.make(table, kind.needs(info, options), options) for name, kind in kinds.items()}
-    if not options.is_classic:
-        frames, after, actions = (x.astype(np.float32, copy=False) for x in (frames, after, actions))
     if left_out(info, options):
         ends = np.append(index["step"][1:] == 0, True)[: len(frames)]
         kept = np.flatnonzero(~ends)
@@ -164,6 +162,7 @@ def transitions(table: pa.Table, info: Info, options: ViewOptions) -> Transition
     else:
         kept = np.arange(len(frames))
     if not options.is_classic:
+        frames, after, actions = (x.astype(np.float32, copy=False) for x in (frames, after, actions))
         frames, after = _seen(frames, after, index, actions, info, options)
     if len(kept) < len(frames):
         index = {name: array[kept] for name, array in index.items()}

@@ -58,18 +58,18 @@ def find(config: str | os.PathLike[str]) -> Path:
         return path
     known = {**shipped(), **suites()}
     name = os.fspath(config).removesuffix("/").removesuffix(".yaml")
-    if name and name not in known and os.path.isdir(path):
+    if name in known:
+        return known[name]
+    if name and os.path.isdir(path):
         raise UsageError(
             f"config: found the folder {os.fspath(config)!r} without a file *.yaml, expected one with such "
             "files, each an experiment; ibdata init makes a first one"
         )
-    if name not in known:
-        if os.path.isfile(f"{name}.yaml"):
-            raise UsageError(f"config: found {os.fspath(config)!r}; did you mean {name + '.yaml'!r}?")
-        short = ", ".join(each for each in known if "/" not in each)
-        expected = suggestion(name, known) or f", expected a file or one of {short}"
-        raise UsageError(f"config: found {os.fspath(config)!r}{expected}")
-    return known[name]
+    if os.path.isfile(f"{name}.yaml"):
+        raise UsageError(f"config: found {os.fspath(config)!r}; did you mean {name + '.yaml'!r}?")
+    short = ", ".join(each for each in known if "/" not in each)
+    expected = suggestion(name, known) or f", expected a file or one of {short}"
+    raise UsageError(f"config: found {os.fspath(config)!r}{expected}")
 
 
 @partial(public, keys=KEYS)

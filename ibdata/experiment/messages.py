@@ -6,6 +6,8 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import reduce
+from operator import getitem
 from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -104,10 +106,8 @@ def problems(error: ValidationError, model: type[BaseModel], data: Any) -> list[
                 ConfigProblem((*loc, *path), message, at_key=False) for path, message in cause.found
             ]
             continue
-        if kind == "union_tag_invalid" and isinstance(
-            _at(data, loc), dict
-        ):  # the bare name of a policy has no kind
-            loc = (*loc, "kind")
+        if kind == "union_tag_invalid" and isinstance(reduce(getitem, loc, data), dict):
+            loc = (*loc, "kind")  # which the bare name of a policy does not have
         message = _message(detail, _options_at(model, data, loc[:-1]))
         rephrased.append(ConfigProblem(loc, message, at_key=kind == "extra_forbidden"))
     return rephrased
@@ -123,13 +123,6 @@ def _path(loc: Loc, data: Any, keep_last: bool) -> Loc:
             continue
         path = (*path, part)
     return (*path, loc[-1]) if keep_last and path[-1:] != loc[-1:] else path
-
-
-def _at(data: Any, loc: Loc) -> Any:
-    """The value at a path."""
-    for part in loc:
-        data = data[part]
-    return data
 
 
 def _message(error: Mapping[str, Any], options: list[str]) -> str:

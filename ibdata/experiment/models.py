@@ -88,12 +88,7 @@ class Experiment(FrozenModel):
         default=LICENCE, description="licence of the dataset, an SPDX expression; its card names it"
     )
 
-    _folder: Path | None = PrivateAttr(None)
-
-    @property
-    def folder(self) -> Path | None:
-        """The folder of the YAML file, if it was loaded from one; not part of the experiment."""
-        return self._folder
+    _folder: Path | None = PrivateAttr(None)  # of the YAML file, if it was loaded from one
 
     @cached_property
     def scenario(self) -> Scenario:

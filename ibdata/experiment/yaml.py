@@ -63,7 +63,7 @@ class Document:
         except (YAMLError, ValueError, RecursionError) as error:
             raise StrictYamlError(1, 1, f"not valid YAML: {str(error).splitlines()[0]}") from None
 
-    def position(self, loc: Loc, key: bool = False) -> Position:
+    def position(self, loc: Loc, key: bool) -> Position:
         """Return line and column of the value (or key) at a path, or of its nearest parent that exists."""
         if key and loc in self.keys:
             return self.keys[loc]

@@ -122,7 +122,7 @@ class Build:
                 if other_run:
                     raise self._refused(f"{other}, and {_in_words(*other_run)}", f"{way} both")
                 raise self._refused(other, f"{way} it")
-            refuse_damage(listed, self._place, self.name)
+            refuse_damage(listed, self._place)
             return True
 
     def _listed(self, found: Storage) -> Manifest:
@@ -178,7 +178,7 @@ class Build:
             try:
                 self._is_made = self.is_there()
                 if not self._is_made:
-                    self._begin(record)
+                    self._begin()
                     self._has_begun = True
                 yield
             except BaseException as error:
@@ -190,8 +190,10 @@ class Build:
                     error.left = f"{shards} finished; the same command goes on"
                 raise
 
-    def _begin(self, record: Record) -> None:
+    def _begin(self) -> None:
         """Begin the run, or go on with the one that is there; another one is refused or dropped."""
+        record = self._record
+        assert record is not None
         own = (run for run, difference in self._runs() if difference is None)
         self.run = next(own, None) or self._place.new_run(record)
         if self._place.begin(self.run, record):
@@ -267,11 +269,12 @@ def other_dataset(listed: Manifest, spec: DatasetSpec) -> str | None:
     return f"the dataset of this experiment with other code, in {names_of(names)}" if names else None
 
 
-def refuse_damage(listed: Manifest, place: BuildPlace, name: str) -> None:
+def refuse_damage(listed: Manifest, place: BuildPlace) -> None:
     """Raise DatasetError for the first file that a manifest lists and that is missing or has another size."""
     remedy = f"ibdata repair makes the file again, {OVERWRITE} the dataset"
     if not place.replaces:
-        remedy = f"remove {name} to make it again"
+        remedy = f"remove {place.name} to make it again"
     for path, entry in listed.entries().items():
         if place.size_of(path) != entry.bytes:
-            raise DatasetError(f"{name}/{path}: missing or not whole, but the dataset is finished; {remedy}")
+            where = f"{place.name}/{path}"
+            raise DatasetError(f"{where}: missing or not whole, but the dataset is finished; {remedy}")

@@ -114,7 +114,7 @@ def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
     """The lines of the card's table: names and values, with code in backticks."""
     experiments = spec.experiments
     named = experiments[0].dynamics if isinstance(experiments[0].dynamics, str) else "custom"
-    setpoints = sorted({cell.setpoint for experiment in experiments for cell in experiment.cells})
+    setpoints = sorted(spec.setpoints)
     shown = ", ".join(exact(p) for p in setpoints[:20]) + (", …" if len(setpoints) > 20 else "")
     steps = " or ".join(f"{n:,}" for n in dict.fromkeys(experiment.steps for experiment in experiments))
     return [

@@ -142,7 +142,7 @@ class Folder:
         """Remove what a process that was killed has left, unless somebody is at work here."""
         tidy(self._path, self._clear_useless)
 
-    def shown(self, files: Run | Storage | None = None) -> str:
+    def shown(self, files: Run | Storage) -> str:
         """Where a run, or what was found, is to be removed by a user."""
         path = files.path if isinstance(files, Storage) else self._part.run
         return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)

@@ -268,5 +268,5 @@ def finalize(folder: str | os.PathLike[str]) -> Dataset:
                 build.publish(closely=True)
     dataset = Dataset(folder)
     place.found()
-    refuse_damage(dataset.stored.manifest, place, place.name)
+    refuse_damage(dataset.stored.manifest, place)
     return dataset

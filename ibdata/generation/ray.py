@@ -20,11 +20,10 @@ from ibdata._system.signals import STOPPING, check
 from ibdata.errors import IbdataError, missing
 from ibdata.generation.process import Here, Process, WorkerTask
 from ibdata.generation.record import agree
-from ibdata.generation.workers import make_shard
+from ibdata.generation.workers import LOOK, make_shard
 from ibdata.plan.dataset_spec import DatasetSpec, Shard
 
 MAX_DEATHS = 3  # of workers, at one shard
-POLL = 0.2  # seconds between checks for a signal
 
 
 def library() -> Any:
@@ -41,8 +40,8 @@ def make_shards(
     process: Process,
     shards: list[Shard],
     run: Run,
-    workers: int | None = None,
-    address: str | None = None,
+    workers: int | None,
+    address: str | None,
 ) -> Iterator[int]:
     """Make shards, and yield the number of each when it and its receipt are kept, in any order.
 
@@ -65,7 +64,7 @@ def make_shards(
                     running[work.remote(task, shard)] = shard
                 if not running:
                     return
-                done, _ = ray.wait(list(running), timeout=POLL)
+                done, _ = ray.wait(list(running), timeout=LOOK)
                 check()
                 for future in done:
                     shard = running.pop(future)

@@ -171,6 +171,13 @@ def warm_up(experiment: Experiment) -> None:
     check()
 
 
+def warm_up_again(spec: DatasetSpec) -> None:
+    """Compile the simulator before episodes are made again, and say so if this machine makes others."""
+    for experiment in spec.experiments:
+        warm_up(experiment)
+    known_answer("episodes made again may differ")
+
+
 def _play_user_objects(experiment: Experiment) -> None:
     """Let users' objects act in the first steps, since they count how many of their numbers are clipped."""
     small = experiment.part(steps=min(experiment.steps, STEPS), episodes=1)

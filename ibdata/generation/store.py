@@ -173,5 +173,5 @@ class Store:
         if not self.files.part.names(""):
             self.files.part.remove()  # an empty folder, or the mark that pyarrow leaves for one
 
-    def shown(self, files: Run | Storage | None = None) -> str:
-        return self.name if files is None else files.name
+    def shown(self, files: Run | Storage) -> str:
+        return files.name

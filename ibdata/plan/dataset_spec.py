@@ -34,8 +34,8 @@ class Shard(NamedTuple):
     first: int
     stop: int
     splits: tuple[str, ...]
-    experiment: int = 0
-    offset: int = 0
+    experiment: int
+    offset: int
 
     @property
     def stem(self) -> str:

@@ -27,7 +27,7 @@ from ibdata.generation.finish import (
     rewritten_manifest,
 )
 from ibdata.generation.process import process_for
-from ibdata.generation.record import known_answer, warm_up
+from ibdata.generation.record import warm_up_again
 from ibdata.generation.shard import WrittenShard, all_written, content_of
 from ibdata.generation.workers import make_shards, refuse_workers
 from ibdata.plan.consent import require_consent
@@ -149,7 +149,7 @@ class Remaking(NamedTuple):
         self.root.mkdir()
         (self.root / DATASET).mkdir()
         with process_for(self.spec) as process:
-            process.call(_warm_up)
+            process.call(warm_up_again)
             for _ in make_shards(process, shards, FolderRun(self.root), self.workers, Progress().reach):
                 pass
         written = all_written(FolderRun(self.root), shards, folder, "no shard was changed; repair again")
@@ -207,12 +207,6 @@ def _checked_shards(
                 whole.append(WrittenShard(shard, entry, content))
             check()
     return whole, wrong
-
-
-def _warm_up(spec: DatasetSpec) -> None:
-    for experiment in spec.experiments:
-        warm_up(experiment)
-    known_answer("episodes made again may differ")
 
 
 def _move(file: Path, path: Path) -> None:

@@ -14,7 +14,7 @@ from ibdata.errors import UsageError, notice, parameter
 from ibdata.generation.finish import refuse_other_plan, root_of
 from ibdata.generation.pieces import simulated
 from ibdata.generation.process import process_for
-from ibdata.generation.record import known_answer, warm_up
+from ibdata.generation.record import warm_up_again
 from ibdata.plan.consent import changed_here, consented_spec, names_of
 from ibdata.plan.dataset_spec import DatasetSpec, Shard
 from ibdata.tools.rules import Problem
@@ -72,9 +72,7 @@ def reproduce(
 def _made_again(spec: DatasetSpec, asked: list[Shard], digests: list[bytes]) -> tuple[int, list[int]]:
     """Make episodes again; return the number of clipped actions, and the episodes with other digests."""
     clipped, differing = 0, []
-    for experiment in spec.experiments:
-        warm_up(experiment)
-    known_answer("episodes made again may differ")
+    warm_up_again(spec)
     for piece in (piece for shard in asked for piece in simulated(spec, shard)):
         shard = piece.episodes
         clipped += piece.floats.clipped

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -105,19 +105,14 @@ def bounds(rows: Rows) -> Found:
 
 def indices(rows: Rows) -> Found:
     """Whole episodes follow one another, and steps count from 0 within each."""
-    expected = index_columns(rows.experiment, rows.episodes)
-    for name, text in (
-        ("episode", "the episode of episodes.table"),
-        ("step", "steps from 0 within each episode"),
-    ):
-        yield from _where(rows.columns[name] != expected[name], name, rows, text)
+    texts = {"episode": "the episode of episodes.table", "step": "steps from 0 within each episode"}
+    yield from _unlike(index_columns(rows.experiment, rows.episodes), texts, rows)
 
 
 def flags(rows: Rows) -> Found:
     """terminated is never set; truncated is set exactly on the last row of each episode."""
-    expected = index_columns(rows.experiment, rows.episodes)
-    for name, text in (("terminated", "false"), ("truncated", "true on last rows only")):
-        yield from _where(rows.columns[name] != expected[name], name, rows, text)
+    texts = {"terminated": "false", "truncated": "true on last rows only"}
+    yield from _unlike(index_columns(rows.experiment, rows.episodes), texts, rows)
 
 
 def policy(rows: Rows) -> Found:
@@ -236,6 +231,12 @@ def nulls(batch: pa.RecordBatch) -> Found:
         if column.null_count:
             row = int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
             yield Broken(row, f"{name}: found null, expected a value", column.null_count)
+
+
+def _unlike(expected: Mapping[str, Array], texts: Mapping[str, str], rows: Rows) -> Found:
+    """The first row of each column that has other values than expected, which the texts say."""
+    for name, text in texts.items():
+        yield from _where(rows.columns[name] != expected[name], name, rows, text)
 
 
 def _where(broken: Array, name: str, rows: Rows, expected: str) -> Found:

@@ -13,8 +13,8 @@ from ibdata.experiment.fields import Split
 from ibdata.plan.dataset_spec import DatasetSpec, spec_in
 from ibdata.tools.rewrite import relabel, write_dataset
 
-SplitArg = Annotated[Mapping[str, Any] | Split | None, "a mapping such as {'setpoint': 20}"]
-SplitsArg = Annotated[Mapping[str, SplitArg] | None, "a mapping such as {'calm': {'setpoint': 20}}"]
+SplitDefinition = Annotated[Mapping[str, Any] | Split | None, "a mapping such as {'setpoint': 20}"]
+SplitsArg = Annotated[Mapping[str, SplitDefinition] | None, "a mapping such as {'calm': {'setpoint': 20}}"]
 
 
 @public
