@@ -19,7 +19,7 @@ from ibdata.views.variables import FIRST_WHOLE
 AnyFloats = npt.NDArray[np.floating[Any]]
 
 
-named = compiled(variants.named)  # an array (22,) of numbers is faster to pass than a tuple, by 2 µs a call
+named = compiled(variants.named)  # an array of numbers is faster to pass than a tuple, by 2 µs a call
 
 
 @compiled

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import clip, logistic
-from ibdata.dynamics.variants import Parameters
+from ibdata.dynamics.variants import Pair, Parameters
 from ibdata.views.variables import AMPLIFICATION_START
 
 TOLERANCE = 0.05  # an effective value of at most this resets its μ
@@ -39,17 +39,18 @@ def gain_transform(g: float, p: float) -> float:
 
 
 @compiled
-def effective_velocity(v: float, g: float, p: float, v0: float, g0: float, v1: float, g1: float) -> float:
-    """Effective velocity vᵉ, which is 0 at (v₀, g₀) and 1 at (v₁, g₁).
+def effective_velocity(v: float, g: float, p: float, ends: tuple[Pair, Pair]) -> float:
+    """Effective velocity vᵉ, which is 0 at the first end (v₀, g₀) and 1 at the second, (v₁, g₁).
 
         vᵉ = (Tᵛ(v,g,p) - Tᵛ(v₀,g₀,p)) / (Tᵛ(v₁,g₁,p) - Tᵛ(v₀,g₀,p))
 
     Hein et al. 2017, Eq. (26) with (0, 100) and (100, 0). EffectiveAction.py exchanges the two, so its vᵉ
     is 1 minus the paper's.
 
-    >>> effective_velocity(100.0, 0.0, 50.0, 0.0, 100.0, 100.0, 0.0)
+    >>> effective_velocity(100.0, 0.0, 50.0, ((0.0, 100.0), (100.0, 0.0)))
     1.0
     """
+    (v0, g0), (v1, g1) = ends
     t0 = velocity_transform(v0, g0, p)
     t1 = velocity_transform(v1, g1, p)
     return (velocity_transform(v, g, p) - t0) / (t1 - t0)
@@ -121,8 +122,8 @@ def noise_component(e: float, u: float, u_event: float, effective: float, k: Par
     >>> noise_component(0.0, 0.5, 0.1, 0.8, SIEMENS.parameters)
     0.4
     """
-    eta_e = squashed_exponential(e, k.eta_mean, k.eta_scale, k.eta_shift)
-    b = bernoulli(u_event, effective, k.bernoulli_low, k.bernoulli_high)
+    eta_e = squashed_exponential(e, k.eta_mean, *k.eta_squash)
+    b = bernoulli(u_event, effective, *k.bernoulli_bounds)
     return mixed_noise(eta_e, u, b, effective)
 
 

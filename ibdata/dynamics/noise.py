@@ -11,15 +11,8 @@ from ibdata._numerics.arrays import Floats
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import exponential, normals
 from ibdata._numerics.random import Raw, uniform
-from ibdata.dynamics.fatigue import (
-    ALPHA_MEAN,
-    ALPHA_SD,
-    AMPLIFICATION,
-    AMPLIFICATION_MAX,
-    TOLERANCE,
-)
+from ibdata.dynamics.fatigue import ALPHA_MEAN, ALPHA_SD, update_mu
 from ibdata.dynamics.variants import Parameters
-from ibdata.views.variables import AMPLIFICATION_START
 
 DYNAMICS_SLOTS = 8  # random integers of a step
 DRIFT_SLOTS = 4  # further ones, of a moving setpoint
@@ -104,7 +97,8 @@ def squashed_exponential_cdf(x: Floats, k: Parameters) -> Floats:
     >>> squashed_exponential_cdf(np.array([-1.0, 0.0, 0.1, 1.0]), SIEMENS.parameters).round(4).tolist()
     [0.0, 0.0, 0.8656, 1.0]
     """
-    y = np.clip(x / k.eta_scale + k.eta_shift, 0.5, 1.0)
+    scale, shift = k.eta_squash
+    y = np.clip(x / scale + shift, 0.5, 1.0)
     cdf: Floats = 1.0 - ((1.0 - y) / y) ** (1.0 / k.eta_mean)
     return cdf
 
@@ -120,7 +114,7 @@ def noise_component_cdf(x: Floats, effective: Floats, k: Parameters) -> Floats:
     Args:
         x: In [0, 1], of a shape that broadcasts with the other.
         effective: The effective value vᵉ or gᵉ, in [0, 1].
-        k: The variant; 1/eta_scale + eta_shift must be 1, as in both published ones.
+        k: The variant; 1/scale + shift of its `eta_squash` must be 1, as in both published ones.
 
     >>> from ibdata.dynamics import SIEMENS
     >>> noise_component_cdf(np.array([0.0, 0.5, 1.0]), np.array(0.8), SIEMENS.parameters).round(4).tolist()
@@ -128,14 +122,14 @@ def noise_component_cdf(x: Floats, effective: Floats, k: Parameters) -> Floats:
     """
     length = np.maximum(effective, SMALLEST)
     # ½: x is at or below ηᵉ's range; above 0, because powers of b may be negative
-    b = np.clip((1.0 - x) / k.eta_scale, np.finfo(float).tiny, 0.5)
+    b = np.clip((1.0 - x) / k.eta_squash[0], np.finfo(float).tiny, 0.5)
     first = np.clip(2.0 * b, 1.0 - length, 1.0)  # at s = 2 b, ηᵉ is at its least
     low, high = (b / (s - b) for s in (1.0, first))
     power = 1.0 / k.eta_mean - 1.0
     # near a power of 0, the difference has no digits
     below = b * (np.log(high / low) if abs(power) < 1e-7 else (high**power - low**power) / power)
     with_event = np.clip((1.0 - first - below) / length, 0.0, 1.0)
-    p = np.clip(effective, k.bernoulli_low, k.bernoulli_high)
+    p = np.clip(effective, *k.bernoulli_bounds)
     cdf: Floats = (1.0 - p) * squashed_exponential_cdf(x, k) + p * with_event
     return cdf
 
@@ -143,17 +137,18 @@ def noise_component_cdf(x: Floats, effective: Floats, k: Parameters) -> Floats:
 def least_noise(mu: Floats, effective: Floats, k: Parameters) -> Floats:
     """The least η at which the next μ reaches the threshold of α; ∞ if none does, -∞ if every one does.
 
-    The inverse of `update_mu`: μ' = 0.9 μ + η/3 >= threshold, but where μ' does not depend on η.
+    The inverse of `update_mu`, whose μ' is linear in η or does not depend on it.
 
     >>> from ibdata.dynamics import PAPER
     >>> mu, effective = np.array([1.0, 1.2, 1.2]), np.array([0.5, 0.5, 0.01])
     >>> least_noise(mu, effective, PAPER.parameters).round(6).tolist()
     [0.9, -inf, inf]
     """
-    fixed = np.where(effective <= TOLERANCE, effective, np.minimum(AMPLIFICATION_MAX, AMPLIFICATION * mu))
-    drawn = (effective > TOLERANCE) & (mu < AMPLIFICATION_START)
-    sure = np.where(fixed >= k.alpha_threshold, -np.inf, np.inf)
-    return np.where(drawn, 3.0 * (k.alpha_threshold - 0.9 * mu), sure)
+    pairs = [*zip(mu.tolist(), effective.tolist(), strict=True)]
+    without, with_most = (np.array([update_mu(*pair, eta) for pair in pairs]) for eta in (0.0, 1.0))
+    slope, sure = with_most - without, np.where(without >= k.alpha_threshold, -np.inf, np.inf)
+    least: Floats = np.divide(k.alpha_threshold - without, slope, out=sure, where=slope > 0.0)
+    return least
 
 
 def amplification_cdf(

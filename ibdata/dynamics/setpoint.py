@@ -106,9 +106,10 @@ def drift(
     """
     if left == 0:
         left = segment_length(u_length, k.drift_length)
-        b = segment_rate(u_rate, u_zero, k.drift_rate_low, k.drift_rate_high)
-    b = turned_at_bound(b, p, u_flip, k.flip_before)
-    return moved(p, b), turned_past_bound(b, p, u_flip, k.flip_after), left - 1
+        b = segment_rate(u_rate, u_zero, *k.drift_rate)
+    flip_before, flip_after = k.drift_flip
+    b = turned_at_bound(b, p, u_flip, flip_before)
+    return moved(p, b), turned_past_bound(b, p, u_flip, flip_after), left - 1
 
 
 @compiled

@@ -123,7 +123,7 @@ def _update_fatigue(x: Floats, z: Floats, k: Parameters) -> None:
     """Effective velocity and gain, their noise, the hidden μ, and fatigue."""
     n = x.shape[1]
     for i in range(n):
-        x[VE, i] = effective_velocity(x[V, i], x[G, i], x[P, i], k.v0, k.g0, k.v1, k.g1)
+        x[VE, i] = effective_velocity(x[V, i], x[G, i], x[P, i], k.effective_velocity_ends)
     for i in range(n):
         x[GE, i] = effective_gain(x[G, i], x[P, i])
     for i in range(n):
@@ -153,7 +153,7 @@ def _update_consumption(x: Floats, z: Floats, k: Parameters) -> None:
         theta[i] = operational_cost(x[P, i], x[V, i], x[G, i])
     remember(theta, costs)
     for i in range(n):
-        x[THETA_C, i] = convolved_cost(costs, i, k.weights)
+        x[THETA_C, i] = convolved_cost(costs, i, k.convolution_weights)
     for i in range(n):
         x[HE, i] = effective_shift(x[H, i], x[P, i])
     for i in range(n):

@@ -7,101 +7,49 @@ fields below and in nothing else. The dynamics depend on these fields only.
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Mapping
+import operator
+from collections import namedtuple
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, NamedTuple
+from itertools import count
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 Pair = tuple[float, float]
-COUNT = 22  # of the numbers in the fields of a `Variant`
 
 
-class Parameters(NamedTuple):
-    """The numbers in the fields of a `Variant`, in their order, by names that compiled code accepts."""
+class Declared(NamedTuple):
+    """The published values of a field of a `Variant`, and what any value must be."""
 
-    eta_mean: float
-    eta_scale: float
-    eta_shift: float
-    v0: float
-    g0: float
-    v1: float
-    g1: float
-    bernoulli_low: float
-    bernoulli_high: float
-    alpha_threshold: float
-    weights: tuple[float, float, float, float, float]
-    consumption_offset: float
-    consumption_noise: float
-    drift_rate_low: float
-    drift_rate_high: float
-    drift_length: float
-    flip_before: float
-    flip_after: float
+    paper: Any
+    siemens: Any
+    rule: str
+    limits: dict[str, Any]  # of each of its numbers: gt, ge and le
+    holds: Callable[[Any], bool]  # what the rule says beyond the limits
+
+    def allows(self, value: Any) -> bool:
+        """Whether a value of the right form keeps the rule."""
+        kept = (getattr(operator, name)(np.ravel(value), limit).all() for name, limit in self.limits.items())
+        return all(kept) and self.holds(value)
 
 
-def named(x: Any) -> Parameters:
-    """The names of numbers (22,), which are the fields of a `Variant` one after another; also compiled."""
-    return Parameters(
-        x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], (x[10], x[11], x[12], x[13], x[14]),
-        x[15], x[16], x[17], x[18], x[19], x[20], x[21],
-    )  # fmt: skip
+def declared(
+    rule: str, holds: Callable[[Any], bool] = lambda value: True, *, paper: Any, siemens: Any, **limits: Any
+) -> dict[str, Declared]:
+    """The metadata of a field of a `Variant`."""
+    return {"declared": Declared(paper, siemens, rule, limits, holds)}
 
 
-class VariantError(ValueError):
-    """A field of a `Variant` breaks its rule; `broken` has the rules of these fields."""
-
-    def __init__(self, message: str, broken: dict[str, str]) -> None:
-        super().__init__(message)
-        self.broken = broken
+def _squash_in_unit(squash: Pair) -> bool:
+    scale, shift = squash
+    return scale >= 0.0 and scale * (0.5 - shift) >= 0.0 and scale * (1.0 - shift) <= 1.0
 
 
-def broken_rules(k: Parameters) -> dict[str, str]:
-    """What the fields must be that are not so, by their names."""
-    rules = {
-        "eta_mean": ("be in (0, 10]", 0.0 < k.eta_mean <= 10.0),
-        "eta_squash": (
-            "keep scale · (σ - shift) in [0, 1] for σ in [½, 1]",
-            k.eta_scale >= 0.0
-            and k.eta_scale * (0.5 - k.eta_shift) >= 0.0
-            and k.eta_scale * (1.0 - k.eta_shift) <= 1.0,
-        ),
-        # Tᵛ rises with g and falls with v: only these ends keep vᵉ in [0, 1].
-        "effective_velocity_ends": (
-            "be (0, 100) and (100, 0) in one order or the other",
-            {(k.v0, k.g0), (k.v1, k.g1)} == {(0.0, 100.0), (100.0, 0.0)},
-        ),
-        "bernoulli_bounds": ("be ordered in [0, 1]", 0.0 <= k.bernoulli_low <= k.bernoulli_high <= 1.0),
-        "alpha_threshold": ("be in [0, 5]", 0.0 <= k.alpha_threshold <= 5.0),
-        "convolution_weights": (
-            "be in [0, 1] and sum to 1 within 1e-4",
-            all(0.0 <= w <= 1.0 for w in k.weights) and abs(sum(k.weights) - 1.0) <= 1e-4,
-        ),
-        "consumption_offset": ("be in [-100, 100]", abs(k.consumption_offset) <= 100.0),
-        "consumption_noise": ("be in [0, 0.04]", 0.0 <= k.consumption_noise <= 0.04),
-        "drift_rate": (
-            "be ordered in [-100, 100]",
-            -100.0 <= k.drift_rate_low <= k.drift_rate_high <= 100.0,
-        ),
-        "drift_length": (
-            "be a whole number in [1, 1e6]",
-            1.0 <= k.drift_length <= 1e6 and k.drift_length == math.floor(k.drift_length),
-        ),
-        # Both flips use the same draw.
-        "drift_flip": (
-            "be two probabilities, one of them 0",
-            0.0 <= k.flip_before <= 1.0
-            and 0.0 <= k.flip_after <= 1.0
-            and k.flip_before * k.flip_after == 0.0,
-        ),
-    }
-    return {field: rule for field, (rule, holds) in rules.items() if not holds}
-
-
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Variant:
     """A version of the Industrial Benchmark, with one field for each point on which the sources differ.
 
@@ -109,78 +57,123 @@ class Variant:
     that the paper gives.
     """
 
-    eta_mean: float
+    # fmt: off
+    eta_mean: float = field(metadata=declared(
+        "be in (0, 10]", gt=0.0, le=10.0,
+        paper=0.05,  # section "Dynamics of fatigue": "exponential distribution with mean 0.05"
+        siemens=0.1,  # IDS.py, updateFatigue: expLambda
+    ))
     """Mean of the exponential draw e behind ηᵛᵉ and ηᵍᵉ."""
-    eta_squash: Pair
+    eta_squash: Pair = field(metadata=declared(
+        "keep scale · (σ - shift) in [0, 1] for σ in [½, 1]", _squash_in_unit,
+        paper=(1.0, 0.0),  # same: "applying the logistic function"
+        siemens=(2.0, 0.5),  # IDS.py, updateFatigue: noise_gain, noise_velocity
+    ))
     """(scale, shift) of ηᵉ = scale · (σ(e) - shift)."""
-    effective_velocity_ends: tuple[Pair, Pair]
+    # Tᵛ rises with g and falls with v: only these ends keep vᵉ in [0, 1].
+    effective_velocity_ends: tuple[Pair, Pair] = field(metadata=declared(
+        "be (0, 100) and (100, 0) in one order or the other",
+        lambda ends: {*ends} == {(0.0, 100.0), (100.0, 0.0)}, ge=0.0, le=100.0,
+        paper=((0.0, 100.0), (100.0, 0.0)),  # Eq. (26)
+        siemens=((100.0, 0.0), (0.0, 100.0)),  # EffectiveAction.py, calcEffectiveVelocity
+    ))
     """The (v, g) at which vᵉ is 0 and the (v, g) at which it is 1."""
-    bernoulli_bounds: Pair
+    bernoulli_bounds: Pair = field(metadata=declared(
+        "be ordered in [0, 1]", lambda pair: pair[0] <= pair[1], ge=0.0, le=1.0,
+        paper=(0.0, 1.0),  # same section: Binom(1, vᵉ), Binom(1, gᵉ)
+        siemens=(0.001, 0.999),  # IDS.py, updateFatigue: noise_b_g, noise_b_v
+    ))
     """Bounds to which the probability of ηᵛᵇ and ηᵍᵇ is clipped."""
-    alpha_threshold: float
+    alpha_threshold: float = field(metadata=declared(
+        "be in [0, 5]", ge=0.0, le=5.0,
+        paper=1.2,  # Eq. (23), where "= 1.2" is read as ">= 1.2"
+        siemens=5.0,  # IDS.py, updateFatigue: fatigueAmplificationMax, the cap of μ
+    ))
     """Value of max(μᵛ, μᵍ) from which α is drawn anew."""
-    convolution_weights: tuple[float, float, float, float, float]
+    convolution_weights: tuple[float, float, float, float, float] = field(metadata=declared(
+        "be in [0, 1] and sum to 1 within 1e-4",
+        lambda weights: abs(sum(weights) - 1.0) <= 1e-4, ge=0.0, le=1.0,
+        paper=(1 / 9, 2 / 9, 3 / 9, 2 / 9, 1 / 9),  # Eq. (7)
+        siemens=(0.11111, 0.22222, 0.33333, 0.22222, 0.11111),  # IDS.py: ConvArray
+    ))
     """Weights of θ[t-5] … θ[t-9] in θᶜ; symmetric in both sources."""
-    consumption_offset: float
+    consumption_offset: float = field(metadata=declared(
+        "be in [-100, 100]", ge=-100.0, le=100.0,
+        paper=0.0,  # Eq. (19)
+        siemens=1.0,  # IDS.py, updateOperationalCosts: rGS - 1.0
+    ))
     """Added to m in ĉ = θᶜ + 25 (m + offset)."""
-    consumption_noise: float
+    consumption_noise: float = field(metadata=declared(
+        "be in [0, 0.04]", ge=0.0, le=0.04,
+        paper=0.02,  # Eq. (20)
+        siemens=0.005,  # IDS.py, updateOperationalCosts
+    ))
     """k in the standard deviation 1 + k ĉ of the consumption."""
-    drift_rate: Pair
+    drift_rate: Pair = field(metadata=declared(
+        "be ordered in [-100, 100]", lambda pair: pair[0] <= pair[1], ge=-100.0, le=100.0,
+        paper=(0.0, 1.0),  # section "Setpoint dynamics": U(0, 1)
+        siemens=(-1.0, 1.0),  # IDS.py, defineNewSequence: p_ch
+    ))
     """Range of the uniform rate b of a moving setpoint, in setpoint units per step."""
-    drift_length: int
+    drift_length: int = field(metadata=declared(
+        "be a whole number in [1, 1e6]", lambda length: length == math.floor(length), ge=1, le=1_000_000,
+        paper=100,  # same: U{1, 100}
+        siemens=99,  # IDS.py, defineNewSequence: randint(1, 100)
+    ))
     """Longest segment of a moving setpoint, in steps; lengths are uniform on 1 … drift_length."""
-    drift_flip: Pair
+    # Both flips use the same draw.
+    drift_flip: Pair = field(metadata=declared(
+        "be two probabilities, one of them 0", lambda flips: flips[0] * flips[1] == 0.0, ge=0.0, le=1.0,
+        paper=(0.5, 0.0),  # Eq. (33): flips where p_t is 0 or 100
+        siemens=(0.0, 0.5),  # IDS.py, updateSetPoint: flips where p_t + b leaves [0, 100]
+    ))
     """Probabilities that b changes sign (before moving, at a bound; after moving, past one); one is 0."""
+    # fmt: on
 
     def __post_init__(self) -> None:
-        if broken := broken_rules(self.parameters):
-            said = "; ".join(f"{field} must {rule}" for field, rule in broken.items())
-            raise VariantError(f"variant: {said}; found {self}", broken)
+        values = ((name, getattr(self.parameters, name), each) for name, each in FIELDS.items())
+        broken = [f"{name} must {each.rule}" for name, value, each in values if not each.allows(value)]
+        if broken:
+            raise ValueError(f"variant: {'; '.join(broken)}; found {self}")
 
     @cached_property
     def numbers(self) -> npt.NDArray[np.float64]:
-        """The fields as one array (22,), in their order. Raises ValueError if one has the wrong length."""
-        fields = [np.ravel(getattr(self, field.name)) for field in dataclasses.fields(self)]
-        numbers = np.concatenate(fields, dtype=np.float64)
-        if len(numbers) != COUNT:
-            raise ValueError(f"variant: found a pair or weights of the wrong length in {self}")
+        """The fields one after another, as one array. Raises ValueError if one has the wrong form."""
+        values = {name: getattr(self, name) for name in FIELDS}
+        for name, value in values.items():
+            if np.shape(value) != np.shape(FIELDS[name].paper):
+                raise ValueError(f"variant: {name}: found {value}, expected the form of {FIELDS[name].paper}")
+        numbers = np.concatenate([np.ravel(value) for value in values.values()], dtype=np.float64)
         numbers.flags.writeable = False
         return numbers
 
     @cached_property
     def parameters(self) -> Parameters:
-        """The fields as numbers with names. Raises ValueError if one has the wrong length."""
+        """The fields as compiled code takes them, all numbers as floats."""
         return named(self.numbers.tolist())
 
 
-PAPER = Variant(
-    eta_mean=0.05,  # section "Dynamics of fatigue": "exponential distribution with mean 0.05"
-    eta_squash=(1.0, 0.0),  # same: "applying the logistic function"
-    effective_velocity_ends=((0.0, 100.0), (100.0, 0.0)),  # Eq. (26)
-    bernoulli_bounds=(0.0, 1.0),  # same section: Binom(1, vᵉ), Binom(1, gᵉ)
-    alpha_threshold=1.2,  # Eq. (23), where "= 1.2" is read as ">= 1.2"
-    convolution_weights=(1 / 9, 2 / 9, 3 / 9, 2 / 9, 1 / 9),  # Eq. (7)
-    consumption_offset=0.0,  # Eq. (19)
-    consumption_noise=0.02,  # Eq. (20)
-    drift_rate=(0.0, 1.0),  # section "Setpoint dynamics": U(0, 1)
-    drift_length=100,  # same: U{1, 100}
-    drift_flip=(0.5, 0.0),  # Eq. (33): flips where p_t is 0 or 100
+FIELDS: dict[str, Declared] = {each.name: each.metadata["declared"] for each in fields(Variant)}
+if TYPE_CHECKING:
+    Parameters = Variant
+else:
+    Parameters = namedtuple("Parameters", FIELDS)
+
+
+def _form(value: Any, at: Iterator[int]) -> str:
+    """The expression for a value of this form that holds the numbers x[i], x[i + 1], … from the next i on."""
+    if isinstance(value, tuple):
+        return f"({''.join(_form(part, at) + ',' for part in value)})"
+    return f"x[{next(at)}]"
+
+
+# The `Parameters` that hold these numbers; an expression, because compiled code makes no tuples in a loop.
+named: Callable[[Any], Parameters] = eval(
+    f"lambda x: Parameters{_form(tuple(each.paper for each in FIELDS.values()), count())}"
 )
 
-SIEMENS = Variant(
-    eta_mean=0.1,  # IDS.py, updateFatigue: expLambda
-    eta_squash=(2.0, 0.5),  # IDS.py, updateFatigue: noise_gain, noise_velocity
-    effective_velocity_ends=((100.0, 0.0), (0.0, 100.0)),  # EffectiveAction.py, calcEffectiveVelocity
-    bernoulli_bounds=(0.001, 0.999),  # IDS.py, updateFatigue: noise_b_g, noise_b_v
-    alpha_threshold=5.0,  # IDS.py, updateFatigue: fatigueAmplificationMax, the cap of μ
-    convolution_weights=(0.11111, 0.22222, 0.33333, 0.22222, 0.11111),  # IDS.py: ConvArray
-    consumption_offset=1.0,  # IDS.py, updateOperationalCosts: rGS - 1.0
-    consumption_noise=0.005,  # IDS.py, updateOperationalCosts
-    drift_rate=(-1.0, 1.0),  # IDS.py, defineNewSequence: p_ch
-    drift_length=99,  # IDS.py, defineNewSequence: randint(1, 100)
-    drift_flip=(0.0, 0.5),  # IDS.py, updateSetPoint: flips where p_t + b leaves [0, 100]
-)
-
+PAPER = Variant(**{name: each.paper for name, each in FIELDS.items()})
+SIEMENS = Variant(**{name: each.siemens for name, each in FIELDS.items()})
 VARIANTS: Mapping[str, Variant] = {"siemens": SIEMENS, "paper": PAPER}
 
 

@@ -122,6 +122,8 @@ def evaluate(
     all_notes = [*notes(scenario.episodes, points, scored[0], classic)]
     for (label, policy), notes_of_policy in zip(policies.items(), of_policies.notes, strict=True):
         all_notes += [f"{label}: {note}" for note in (*notes_of_policy, *other_dynamics(policy, scenario))]
+    if kinds:
+        all_notes += [f"expert_score: {note}" for note in other_dynamics(scenario.expert, scenario)]
     members = {label: {name: policies[name] for name in names} for label, names in groups.items()}
     yours, returns = [], iter(of_policies.discounted)
     for label, of_label in members.items():

@@ -113,7 +113,8 @@ def _law(state: State, actions: npt.NDArray[Any], variant: Variant) -> Floats:
     Raises UsageError for a variant whose η has no known law.
     """
     k, n = variant.parameters, len(actions)
-    if not math.isclose(1.0, 1.0 / max(k.eta_scale, 1e-9) + k.eta_shift):
+    scale, shift = k.eta_squash
+    if not math.isclose(1.0, 1.0 / max(scale, 1e-9) + shift):
         raise UsageError(
             f"dynamics: found eta_squash {list(variant.eta_squash)}, expected [2, 0.5], [1, 0] or another "
             "[scale, shift] with 1/scale + shift = 1; the law of other noise is not known"

@@ -12,8 +12,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from pydantic import AfterValidator, Field, Tag, create_model, field_validator
 
 from ibdata._simulation.episodes import World
-from ibdata.dynamics import PAPER, SIEMENS, VARIANTS, Variant
-from ibdata.dynamics.variants import VariantError
+from ibdata.dynamics import VARIANTS, Variant
+from ibdata.dynamics.variants import FIELDS, Declared
 from ibdata.experiment.fields import (
     Drifting,
     EpisodeCount,
@@ -40,37 +40,20 @@ class ReplacedFields(FrozenModel):
 
     def variant(self) -> Variant:
         """The variant. Raises ValueError if its fields are invalid."""
-        options = {field.name: getattr(self, field.name) for field in dataclasses.fields(Variant)}
+        options = {name: getattr(self, name) for name in FIELDS}
         replacements = {name: value for name, value in options.items() if value is not None}
         return dataclasses.replace(VARIANTS[self.base], **replacements)
 
 
-def _fitting(name: str) -> AfterValidator:
-    """A validator of one field, which applies the rules of `Variant`; each rule concerns one field."""
+def _allowed(declared: Declared) -> AfterValidator:
+    """A validator of a field of `Variant`."""
 
     def check(value: Any) -> Any:
-        try:
-            dataclasses.replace(SIEMENS, **{name: value})
-        except VariantError as error:
-            raise ValueError(f"found {shown(value)}, expected it to {error.broken[name]}") from None
+        if not declared.allows(value):
+            raise ValueError(f"found {shown(value)}, expected it to {declared.rule}")
         return value
 
     return AfterValidator(check)
-
-
-BOUNDS = {  # of each number of a field; the rules of `Variant` are narrower
-    "eta_mean": Field(gt=0.0, le=10.0),
-    "eta_squash": Field(),
-    "effective_velocity_ends": Field(ge=0.0, le=100.0),
-    "bernoulli_bounds": Field(ge=0.0, le=1.0),
-    "alpha_threshold": Field(ge=0.0, le=5.0),
-    "convolution_weights": Field(ge=0.0, le=1.0),
-    "consumption_offset": Field(ge=-100.0, le=100.0),
-    "consumption_noise": Field(ge=0.0, le=0.04),
-    "drift_rate": Field(ge=-100.0, le=100.0),
-    "drift_length": Field(ge=1, le=1_000_000),
-    "drift_flip": Field(ge=0.0, le=1.0),
-}
 
 
 def _strict(hint: Any, bounds: Any) -> Any:
@@ -87,12 +70,10 @@ CustomDynamics = create_model(
     __doc__="A published variant with single fields replaced.",
     **{
         name: (
-            Annotated[_strict(hint, BOUNDS[name]), _fitting(name)] | None,
-            Field(
-                default=None, description=f"paper: {getattr(PAPER, name)}; siemens: {getattr(SIEMENS, name)}"
-            ),
+            Annotated[_strict(hint, Field(**declared.limits)), _allowed(declared)] | None,
+            Field(default=None, description=f"paper: {declared.paper}; siemens: {declared.siemens}"),
         )
-        for name, hint in get_type_hints(Variant).items()
+        for (name, declared), hint in zip(FIELDS.items(), get_type_hints(Variant).values(), strict=True)
     },
 )  # type: ignore[call-overload]  # the fields are those of Variant, known at run time only
 
@@ -123,6 +104,17 @@ class Scenario(FrozenModel):
         return self.dynamics if isinstance(self.dynamics, str) else self.dynamics.base
 
     @cached_property
+    def replaced(self) -> dict[str, Any]:
+        """The fields of the dynamics that differ from the published ones of that name."""
+        values, published = vars(self.variant), vars(VARIANTS[self.base])
+        return {name: values[name] for name in FIELDS if values[name] != published[name]}
+
+    @property
+    def expert(self) -> Expert:
+        """The expert that is made for the published dynamics of that name."""
+        return Expert(dynamics=self.base)
+
+    @cached_property
     def points(self) -> list[float]:
         """The setpoints. If they move, these are their first values."""
         return points_of(self.setpoint)
@@ -145,10 +137,7 @@ class Scenario(FrozenModel):
 
     def cells(self, policies: Iterable[tuple[str, Policy]]) -> tuple[Cell, ...]:
         """The cells of these policies and labels, ordered by policy and then by setpoint."""
-        published, fields = VARIANTS[self.base], dataclasses.fields(Variant)
-        options = {field.name: getattr(self.variant, field.name) for field in fields}
-        differing = {name: value for name, value in options.items() if value != getattr(published, name)}
-        dynamics = {"base": self.base, **differing} if differing else self.base
+        dynamics = {"base": self.base, **self.replaced} if self.replaced else self.base
         return tuple(
             Cell(dynamics, setpoint, self.drifting, policy, label, self.start_form)
             for label, policy in policies
@@ -165,12 +154,15 @@ class Scenario(FrozenModel):
 
 def other_dynamics(policy: Policy, scenario: Scenario) -> Iterator[str]:
     """Warnings about parts of a policy that are made for other dynamics than those of a scenario."""
+    replaced = ", ".join(f"{name} = {shown(value)}" for name, value in scenario.replaced.items())
     for part in policy.everywhere(Expert):
         if part.dynamics != scenario.base:
             yield (
                 f"this expert is made for {part.dynamics}; for {scenario.base}, write "
                 f"{{kind: expert, dynamics: {scenario.base}}}"
             )
+        elif replaced:
+            yield f"this expert is made for {part.dynamics} as published, but here {replaced}"
 
 
 def scenario_of(**settings: Any) -> Scenario:

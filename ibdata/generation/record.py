@@ -130,7 +130,10 @@ def observe(spec: DatasetSpec) -> Record:
         for note in user_object.notes():
             notice(f"{user_object.code_target}: {note}")
     for experiment in spec.experiments:
-        for label, policy in zip(experiment.labels, experiment.policies, strict=True):
+        played = [*zip(experiment.labels, experiment.policies, strict=True)]
+        if experiment.output.expert_action:
+            played.append(("output.expert_action", experiment.scenario.expert))
+        for label, policy in played:
             for note in other_dynamics(policy, experiment.scenario):
                 notice(f"{label}: {note}")
     return record

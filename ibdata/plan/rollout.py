@@ -20,7 +20,6 @@ from ibdata.plan.columns import Layout, layout
 from ibdata.policies import OBSERVATION
 from ibdata.policies.compound import PolicyMixture
 from ibdata.policies.distributions import Distribution, applied
-from ibdata.policies.expert import Expert
 
 LEAST_LANES = 64
 # Rows of a table. One table is encoded while the next is filled.
@@ -92,7 +91,7 @@ def expert_actions(
     def action(distribution: Distribution) -> tuple[Float32s]:
         return (applied(distribution.sample(np.empty((0, 0)))),)  # it draws nothing
 
-    expert = Expert(dynamics=experiment.scenario.base)
+    expert = experiment.scenario.expert
     episodes = episodes_of(experiment, np.arange(first, stop)).played_by(expert)
     [answers] = replay(episodes, observations.astype(np.float32), actions.astype(np.float32), action)
     return answers

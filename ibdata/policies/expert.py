@@ -118,7 +118,8 @@ def best_gain(table: Floats, p: float, v: float) -> float:
 @compiled
 def resetting_velocity(p: float, k: Parameters) -> float:
     """The velocity at which vᵉ is 0.05 with gain 0."""
-    t0, t1 = velocity_transform(k.v0, k.g0, p), velocity_transform(k.v1, k.g1, p)
+    (v0, g0), (v1, g1) = k.effective_velocity_ends
+    t0, t1 = velocity_transform(v0, g0, p), velocity_transform(v1, g1, p)
     return (p + 2.0) / (t0 + TOLERANCE * (t1 - t0)) + p - 101.0
 
 
@@ -147,7 +148,7 @@ def velocity_and_gain(
     if basic_fatigue(aim, best_gain(table, p, aim)) <= VISIBLE:
         return aim, gain, 0.0, 0
     f_b = basic_fatigue(v, g)
-    ve, ge = effective_velocity(v, g, p, k.v0, k.g0, k.v1, k.g1), effective_gain(g, p)
+    ve, ge = effective_velocity(v, g, p, k.effective_velocity_ends), effective_gain(g, p)
     visible = f_b > VISIBLE
     alpha = clip((3.0 * f / f_b - 1.0) / 2.0, 0.0, 1.0) if visible else 0.0
     eta = alpha if ve >= ge else 0.0  # α is the larger of the two η

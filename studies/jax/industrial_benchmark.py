@@ -122,13 +122,14 @@ def step_with_noise(state: State, action, z: Noise, k: Parameters) -> State:
 def drift(p, b, left, z: Noise, k: Parameters):
     """Eqs. (32), (33) and above them: setpoint, its rate, and the steps left of its segment."""
     moving, ended = left != CONSTANT, left == 0
+    (slowest, fastest), (flip_before, flip_after) = k.drift_rate, k.drift_flip
     length = 1 + jnp.floor(k.drift_length * z.uniform_drift_length).astype(jnp.int32)
-    drawn = k.drift_rate_low + (k.drift_rate_high - k.drift_rate_low) * z.uniform_drift_rate
+    drawn = slowest + (fastest - slowest) * z.uniform_drift_rate
     rate = jnp.where(ended, jnp.where(z.uniform_drift_zero < 0.1, 0.0, drawn), b)
     at_bound = (p == 0.0) | (p == 100.0)  # the paper's flip, before the setpoint moves
-    rate = jnp.where(at_bound & (z.uniform_drift_flip < k.flip_before), -rate, rate)
+    rate = jnp.where(at_bound & (z.uniform_drift_flip < flip_before), -rate, rate)
     past_bound = (p + rate < 0.0) | (p + rate > 100.0)  # that of the authors' code, after it
-    after = jnp.where(past_bound & (z.uniform_drift_flip < k.flip_after), -rate, rate)
+    after = jnp.where(past_bound & (z.uniform_drift_flip < flip_after), -rate, rate)
     moved = jnp.clip(p + rate, 0.0, 100.0), after, jnp.where(ended, length, left) - 1
     return tuple(jnp.where(moving, new, old) for new, old in zip(moved, (p, b, left), strict=True))
 
@@ -144,7 +145,7 @@ def effective_velocity(v, g, p, k: Parameters):
     def transform(v, g):
         return (g + p + 2.0) / (v - p + 101.0)
 
-    t0, t1 = transform(k.v0, k.g0), transform(k.v1, k.g1)
+    t0, t1 = (transform(*end) for end in k.effective_velocity_ends)
     return (transform(v, g) - t0) / (t1 - t0)
 
 
@@ -159,8 +160,9 @@ def effective_gain(g, p):
 
 def noise_component(e, u_event, u, effective, k: Parameters):
     """Eqs. (28) and (29), η = ηᵉ + (1 - ηᵉ) ηᵘ ηᵇ · effective, and the laws of ηᵉ and ηᵇ above them."""
-    eta_e = k.eta_scale * (jax.nn.sigmoid(k.eta_mean * e) - k.eta_shift)
-    event = u_event < jnp.clip(effective, k.bernoulli_low, k.bernoulli_high)
+    scale, shift = k.eta_squash
+    eta_e = scale * (jax.nn.sigmoid(k.eta_mean * e) - shift)
+    event = u_event < jnp.clip(effective, *k.bernoulli_bounds)
     return eta_e + (1.0 - eta_e) * u * event * effective
 
 
@@ -198,7 +200,7 @@ def remembered(history, theta):
 
 def convolved_cost(theta, k: Parameters):
     """Eq. (7), with the weights of lags 5 to 9."""
-    return sum(weight * theta[-1 - lag] for lag, weight in enumerate(k.weights, start=5))
+    return sum(weight * theta[-1 - lag] for lag, weight in enumerate(k.convolution_weights, start=5))
 
 
 def effective_shift(h, p):

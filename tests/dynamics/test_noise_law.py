@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from helpers import FULL
@@ -42,7 +44,7 @@ def test_the_law_is_that_of_many_steps_from_one_state(variant, case):
 @pytest.mark.parametrize("mean", [0.05, 0.1, 1.0])
 @pytest.mark.parametrize("base", [SIEMENS, PAPER], ids=["siemens", "paper"])
 def test_the_closed_form_is_the_integral_over_the_uniform_draw(base, mean):
-    k = base.parameters._replace(eta_mean=mean, bernoulli_low=1.0, bernoulli_high=1.0)  # always the event
+    k = dataclasses.replace(base, eta_mean=mean, bernoulli_bounds=(1.0, 1.0)).parameters  # always the event
     u = (np.arange(20_000) + 0.5) / 20_000
     for x in (0.05, 0.4, 0.52, 0.6, 0.9, 1.0):
         for effective in (0.02, 0.5, 1.0):

@@ -8,8 +8,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+from helpers.variants import VARIANTS_MOVED
 
-from ibdata.dynamics import VARIANTS, Noise, initial_state, step
+from ibdata.dynamics import Noise, initial_state, step
 from ibdata.environment.actions import (
     DISCRETE,
     continuous_action,
@@ -44,10 +45,10 @@ def test_a_setting_that_cannot_be_meant_is_named(name, value):
     assert str(caught.value) == f"{name}: {WRONG[name][value]}"
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", VARIANTS_MOVED.values(), ids=VARIANTS_MOVED)
 def test_the_extremes_of_consumption_are_near_its_bounds(variant):
     """The dearest and the cheapest steerings, the worst and the best of m, the normal draw at its ends."""
-    low, high = consumption_bounds(VARIANTS[variant])
+    low, high = consumption_bounds(variant)
     seen = []
     for p, v, g, turns in ((100.0, 100.0, 100.0, 40), (0.0, 0.0, 0.0, 5)):
         for z in (-8.2, 8.2):
