@@ -139,11 +139,10 @@ class Variant:
     @cached_property
     def numbers(self) -> npt.NDArray[np.float64]:
         """The fields one after another, as one array. Raises ValueError if one has the wrong form."""
-        values = {name: getattr(self, name) for name in FIELDS}
-        for name, value in values.items():
-            if np.shape(value) != np.shape(FIELDS[name].paper):
-                raise ValueError(f"variant: {name}: found {value}, expected the form of {FIELDS[name].paper}")
-        numbers = np.concatenate([np.ravel(value) for value in values.values()], dtype=np.float64)
+        for name, each in FIELDS.items():
+            if np.shape(value := getattr(self, name)) != np.shape(each.paper):
+                raise ValueError(f"variant: {name}: found {value}, expected the form of {each.paper}")
+        numbers = np.concatenate([np.ravel(getattr(self, name)) for name in FIELDS], dtype=np.float64)
         numbers.flags.writeable = False
         return numbers
 

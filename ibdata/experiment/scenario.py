@@ -40,9 +40,8 @@ class ReplacedFields(FrozenModel):
 
     def variant(self) -> Variant:
         """The variant. Raises ValueError if its fields are invalid."""
-        options = {name: getattr(self, name) for name in FIELDS}
-        replacements = {name: value for name, value in options.items() if value is not None}
-        return dataclasses.replace(VARIANTS[self.base], **replacements)
+        replaced = {name: value for name, value in self if name in FIELDS and value is not None}
+        return dataclasses.replace(VARIANTS[self.base], **replaced)
 
 
 def _allowed(declared: Declared) -> AfterValidator:

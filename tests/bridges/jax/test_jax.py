@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import ROOT, tape
 from helpers.pages import check_guide
+from helpers.variants import VARIANTS_MOVED
 
 import ibdata
 from ibdata.dynamics import VARIANTS, initial_state
@@ -77,6 +78,22 @@ def test_it_takes_the_steps_of_ibdata(ib, play, variant, setpoints):
     for mu in (played.mu_v, played.mu_g):
         assert (mu < 0.05).any()
         assert (mu == 5.0).any()
+
+
+@pytest.mark.parametrize("variant", VARIANTS_MOVED.values(), ids=VARIANTS_MOVED)
+def test_it_takes_a_step_of_ibdata_where_any_field_of_the_dynamics_is_another(ib, play, variant):
+    drawn, first = tape.draw(4, STEPS, LANES), tape.start(LANES, "half")
+    states = tape.stack([first, *tape.play(first, drawn, variant)])
+    for t in (0, 20, 100):
+        one = ib.State(*(getattr(states, name)[t] for name in ib.State._fields))
+        found = play(
+            one,
+            (drawn.actions[t : t + 1], ib.Noise(*(x[t : t + 1] for x in drawn.noise))),
+            variant.parameters,
+        )
+        for name in ib.State._fields:
+            ours, theirs = getattr(found, name)[0], getattr(states, name)[t + 1]
+            assert np.all(np.abs(ours - theirs) <= 1e-12 * np.maximum(1.0, np.abs(theirs))), name
 
 
 @variants
