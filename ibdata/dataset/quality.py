@@ -42,8 +42,16 @@ MEANING = {
 class Quality(Tabular):
     """Measures of the quality of a dataset; a measure is None where it is not defined.
 
-    `pairs` are the different pairs of a state and an action on a grid, and `reference_pairs` those of random
-    actions.
+    Attributes:
+        rows: the number of rows.
+        episodes: the number of episodes.
+        trajectory_quality: where the mean return is between `random`, 0, and `expert`, 1.
+        return_improvement: (best return - mean return) / (mean return - lowest return).
+        state_action_coverage: `pairs` divided by `reference_pairs`.
+        action_stochasticity: the standard deviation of the actions in a cell of a grid of states.
+        action_entropy: from the recorded densities: 0 for a deterministic policy, 2.08 for `random`.
+        pairs: the number of different pairs of a state and an action on a grid.
+        reference_pairs: as many random actions have so many different pairs.
     """
 
     rows: int

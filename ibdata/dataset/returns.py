@@ -22,23 +22,42 @@ Objects = npt.NDArray[np.object_]
 
 
 class ReturnsOf(TypedDict):
-    """The returns of a policy at a setpoint."""
+    """The returns of a policy at a setpoint, undiscounted. Errors and score are None for one episode.
+
+    Attributes:
+        policy: the label of the policy.
+        setpoint: the setpoint; of episodes in which it moves, that in the experiment.
+        episodes: the number of episodes.
+        steps: the number of steps of an episode.
+        mean_return: the mean of their returns.
+        standard_error: the standard error of `mean_return`.
+        interval: the 95 % interval of `mean_return`.
+        mean_reward: the mean reward of a step.
+        reference: the stored mean returns of `random` and `optimized`, which have the scores 0 and 100.
+        score: where `mean_return` is between these.
+        score_error: the standard error of `score`, from the episodes of the dataset.
+    """
 
     policy: str
     setpoint: float
     episodes: int
-    steps: int  # of an episode
+    steps: int
     mean_return: float
-    standard_error: float | None  # of the mean; None for one episode
-    interval: tuple[float, float] | None  # of 95 % confidence
-    mean_reward: float  # per step
-    reference: tuple[float, float] | None  # the returns of score 0 and 100
-    score: float | None  # None for one episode, which does not tell how far it is off
-    score_error: float | None  # standard error, from the episodes of the dataset
+    standard_error: float | None
+    interval: tuple[float, float] | None
+    mean_reward: float
+    reference: tuple[float, float] | None
+    score: float | None
+    score_error: float | None
 
 
 class Returns(TypedDict):
-    """The results, and the meaning of their scores; None if there is no reference."""
+    """What `Dataset.returns` gives.
+
+    Attributes:
+        results: a `ReturnsOf`, which is a dict, for each policy and setpoint.
+        scale: the meaning of the scores; None if there is no reference.
+    """
 
     results: list[ReturnsOf]
     scale: str | None

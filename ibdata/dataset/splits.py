@@ -14,7 +14,10 @@ from ibdata.dataset.tabular import Table, Tabular
 
 
 class Splits(Tabular, dict[str, dict[str, Any]]):
-    """The splits of a dataset by name: a dict that shows as a table."""
+    """The splits of a dataset: a dict by name that shows as a table.
+
+    Each is a dict of `episodes` and `rows`, two numbers, and `declared`: whether it is made of whole files.
+    """
 
     def tables(self) -> list[Table]:
         """The splits, a row each; later ones are labels of episodes."""

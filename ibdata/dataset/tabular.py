@@ -68,7 +68,12 @@ class Tabular(ABC):
 
 
 class ColumnStatistics(Tabular, dict[str, Any]):
-    """The statistics of each column, by its name."""
+    """The statistics of each column: a dict by the column's name that shows as a table.
+
+    Each is a dict of `count` (numbers that are not NaN), `mean`, `std` (of the population: divided by
+    `count`), `min`, `max` and `quantiles`, a dict by probability, such as "0.5". A quantile is a number of
+    the column: where it lies between two, the lower one.
+    """
 
     def tables(self) -> list[Table]:
         """A row for each column."""
@@ -91,7 +96,12 @@ class ColumnStatistics(Tabular, dict[str, Any]):
 
 
 class Described(Tabular, dict[str, Any]):
-    """What meta/dataset.json says: a dict that shows as tables."""
+    """What meta/dataset.json says: a dict that shows as tables.
+
+    Its keys are `name`, `dynamics`, `drifting` (whether setpoints move), `start`, `counts`, `columns`, a list
+    of dicts with the `name`, `role`, `dtype`, `unit`, `low`, `high` and `description` of each column, and
+    `format` and `version` of the file.
+    """
 
     def tables(self) -> list[Table]:
         """What is said of the dataset, and a row for each column."""

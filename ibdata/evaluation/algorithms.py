@@ -40,15 +40,26 @@ class LineReturns(NamedTuple):
 
 
 class Algorithm(NamedTuple):
-    """A line of the table: an algorithm, or a policy that is known, at a setpoint or over all (None).
+    """A line of the table: an algorithm, which has one policy for each training, or a known policy.
 
-    `source` is "yours", "known", or the part of the set on which ours were trained. `seeds` is the number of
-    trainings, None for a policy that is not trained. `mean_return`, `lowest` and `highest` are those of the
-    mean returns of the trainings, `spread` is their standard deviation, and `standard_error` that of
-    `mean_return` over the episodes, for these trainings. `half_width` is half the width of the 95 % interval
-    of `mean_return` for new trainings and new episodes; it is None for one training, which says nothing of
-    others. `score` is the mean score of the trainings. `above_behaviour` and `above_optimized` are
-    differences in equal episodes, each with half the width of its interval.
+    A number is None where it is not known. One training says nothing of others, so it has no interval.
+
+    Attributes:
+        algorithm: the label, which is printed as "label".
+        source: "yours", "known", or the part of the set on which ibdata's own were trained.
+        setpoint: the setpoint; None for all setpoints.
+        seeds: the number of trainings; None for a policy that is not trained.
+        mean_return: the mean of the mean returns of the trainings, which is printed as "mean".
+        half_width: half the width of the 95 % interval of `mean_return`, for new trainings and new episodes.
+        lowest: the lowest mean return of a training.
+        highest: the highest mean return of a training.
+        spread: the standard deviation of the mean returns of the trainings.
+        standard_error: that of `mean_return` over the episodes, for these trainings ("error").
+        score: the mean score of the trainings, as of `Result`.
+        above_behaviour: `mean_return` minus that of the behaviour, in the same episodes ("- behaviour").
+        behaviour_half_width: half the width of the 95 % interval of `above_behaviour`.
+        above_optimized: `mean_return` minus that of `optimized`, in the same episodes ("- optimized").
+        optimized_half_width: half the width of the 95 % interval of `above_optimized`.
     """
 
     algorithm: str
@@ -69,10 +80,17 @@ class Algorithm(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """The returns of `policy` minus those of `minus` in equal episodes, at a setpoint or over all (None).
+    """The returns of a policy minus those of another one, in the same episodes.
 
-    Both are labels. The interval is for new episodes of two policies. Beside algorithms, it is for new
-    trainings too, and None for a label of one training.
+    Attributes:
+        policy: the label of the policy, which is printed as "label" where algorithms are compared.
+        minus: the label of the other policy.
+        setpoint: the setpoint; None for all setpoints.
+        mean_difference: the mean return of `policy` minus that of `minus`, which is printed as "difference";
+            above 0, `policy` is better.
+        standard_error: the standard error of `mean_difference`; the episodes are paired.
+        interval: the 95 % interval of `mean_difference` for new episodes. Where algorithms are compared, it
+            is for new trainings too, and None for a label of one training.
     """
 
     policy: str

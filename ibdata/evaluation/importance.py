@@ -45,11 +45,16 @@ LARGE = 1.0 / (64.0 * math.pi)
 
 
 class Estimated(NamedTuple):
-    """The target's mean return as a method estimates it, with standard error and 95 % interval.
+    """The target's mean return as a method estimates it. Errors are None for one episode.
 
-    `mean_weight` is that of the last step, expected to be 1, with its standard error, and `effective` is its
-    effective number of episodes. If the weights of a step are all 0, the weighted estimate is None. Errors
-    are None for one episode.
+    Attributes:
+        method: "weighted", "per decision" or "ordinary"; `importance` has their formulas.
+        mean_return: the estimate; None if the weights of a step are all 0, or larger than any number.
+        standard_error: the standard error of `mean_return`.
+        interval: the 95 % interval of `mean_return`.
+        mean_weight: the mean weight of the last step, which is expected to be 1.
+        weight_error: the standard error of `mean_weight`.
+        effective: the effective number of episodes at the last step, (Σw)²/Σw².
     """
 
     method: str
@@ -65,17 +70,24 @@ class Estimated(NamedTuple):
 class Importance(Tabular):
     """Estimates of a policy's return from the data of others, the most reliable first, and their weights.
 
-    `ratios` are those of the densities of the target and the behaviour, `weights` their products from the
-    start of the episode, and `rewards` are discounted. `effective` is the effective number of episodes,
-    (Σw)²/Σw², of each step. `notes` warn of what makes estimates doubtful, a line for each reason.
+    Attributes:
+        policy: the label of the target.
+        results: an `Estimated` for each method.
+        ratios: the density of each action under the target, divided by that under the behaviour,
+            (episodes, steps).
+        weights: the products w of the ratios from the start of the episode (episodes, steps).
+        rewards: the discounted rewards (episodes, steps).
+        effective: the effective number of episodes (Σw)²/Σw² at each step (steps,).
+        discount: the discount factor.
+        notes: warnings of what makes estimates doubtful, a line for each reason.
     """
 
     policy: str
     results: list[Estimated]
-    ratios: Floats  # (episodes, steps)
-    weights: Floats  # (episodes, steps)
-    rewards: Floats  # (episodes, steps)
-    effective: Floats  # (steps,)
+    ratios: Floats
+    weights: Floats
+    rewards: Floats
+    effective: Floats
     discount: float
     notes: list[str]
 

@@ -40,15 +40,24 @@ LEAST_NEEDED = ("episodes", "mean_reward", "p10", "cost_error", "score_error", "
 
 
 class Result(NamedTuple):
-    """Returns of a policy at a setpoint, or over all setpoints (None) with equal weights.
+    """The returns of a policy at a setpoint, discounted and unscaled. Errors are None for one episode.
 
-    `mean_return` with its standard error and 95 % interval, and `p10`, the 10th percentile of the returns,
-    are discounted and unscaled. `mean_reward` is per step and undiscounted. `score` is 0 for `random` and
-    100 for `optimized` in the same episodes, `expert_score` is 100 for `expert`; `score_error` is the
-    standard error of `score`, with that of the scale. `clipped` is the share of the actions that were clipped
-    to [-1, 1]. If the view has a cost, `mean_cost` is the mean number of steps that cost 1 with its
-    `cost_error`, and `violations` the share of the episodes with more of them than the budget. Errors are
-    None for one episode.
+    Attributes:
+        policy: the label of the policy.
+        setpoint: the setpoint; None for all setpoints with equal weights.
+        episodes: the number of episodes.
+        mean_return: the mean of their returns.
+        standard_error: the standard error of `mean_return`.
+        interval: the 95 % interval of `mean_return`, by Student's t.
+        p10: the 10th percentile of the returns.
+        mean_reward: the mean reward of a step, undiscounted.
+        score: 0 for the mean return of `random`, 100 for that of `optimized`, in the same episodes.
+        score_error: the standard error of `score`, which includes the errors of its two ends.
+        expert_score: as `score`, but 100 for the mean return of `expert`.
+        clipped: the share of the actions of which a number was outside [-1, 1] and clipped.
+        mean_cost: the mean number of steps of an episode that cost 1; None if the view has no cost.
+        cost_error: the standard error of `mean_cost`.
+        violations: the share of the episodes with more such steps than the budget.
     """
 
     policy: str
@@ -72,16 +81,24 @@ class Result(NamedTuple):
 class Evaluation(Tabular):
     """Results per policy and setpoint, paired differences of the policies, and the returns behind both.
 
-    `scale` says what scores mean, and `notes` which set was compared, why errors or scores are missing and
-    what may be wrong with a policy, a line for each. `algorithms` has a line for each label, beside known
-    policies and the algorithms of the set. `settings` are the arguments that make the episodes, and `groups`
-    the policies under each label.
+    Attributes:
+        results: a `Result` for each policy and setpoint and, of several setpoints, for all together.
+        differences: a `Difference` for each pair of policies, in the same order.
+        scale: what scores mean.
+        returns: the returns (policies, setpoints, episodes).
+        steps: the number of steps of an episode.
+        discount: the discount factor.
+        notes: which set was compared, why errors or scores are missing and what may be wrong with a policy,
+            a line for each.
+        algorithms: an `Algorithm` for each label, beside known policies and the algorithms of the set.
+        settings: the arguments that make the episodes.
+        groups: the policies under each label.
     """
 
     results: list[Result]
     differences: list[Difference]
     scale: str | None
-    returns: Floats  # (policies, setpoints, episodes)
+    returns: Floats
     steps: int
     discount: float
     notes: list[str]

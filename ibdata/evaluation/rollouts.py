@@ -69,13 +69,17 @@ class Lanes:
 class Rollouts(NamedTuple):
     """What n starts, k sequences of h actions and some samples of the noise gave.
 
-    `state` has n · k · samples lanes, in the order of the arrays.
+    Attributes:
+        rewards: the rewards (n, k, samples, h).
+        observations: what is seen after each action (n, k, samples, h, columns).
+        state: the last states, n · k · samples lanes in the order of the arrays.
+        lanes: what `rollouts` needs to go on from here; its fields may change.
     """
 
-    rewards: Float32s  # (n, k, samples, h)
-    observations: Float32s  # (n, k, samples, h, columns), after each action
+    rewards: Float32s
+    observations: Float32s
     state: State
-    lanes: Lanes  # from which further rollouts go on
+    lanes: Lanes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -110,12 +110,18 @@ def branch_returns(
 class Value(NamedTuple):
     """The value of a row's state, or of an action in it.
 
-    `value` is the mean return of the branches, with its standard error and 95 % interval.
+    Attributes:
+        episode: the number of the row's episode.
+        step: the step of the row in its episode.
+        action: the given first action; None if the policy chose it.
+        value: the mean return of the branches.
+        standard_error: the standard error of `value`; None for one branch.
+        interval: the 95 % interval of `value`; None for one branch.
     """
 
     episode: int
     step: int
-    action: list[float] | None  # the given first action; None if the policy chose it
+    action: list[float] | None
     value: float
     standard_error: float | None
     interval: tuple[float, float] | None
@@ -123,10 +129,15 @@ class Value(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class TrueValues(Tabular):
-    """The values of n rows, and the returns behind them."""
+    """The values of n rows, and the returns behind them.
+
+    Attributes:
+        results: a `Value` for each row.
+        returns: the return of each branch (n, episodes).
+    """
 
     results: list[Value]
-    returns: Floats  # (n, episodes)
+    returns: Floats
 
     @property
     def values(self) -> Floats:

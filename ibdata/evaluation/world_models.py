@@ -31,7 +31,13 @@ FOLDED = math.sqrt(2.0 / math.pi)  # the mean of |z|, with z ~ N(0, 1)
 
 
 class Floor(NamedTuple):
-    """The errors of the best prediction of a quantity: no model has smaller expected ones."""
+    """The errors of the best prediction of a quantity: no model has smaller expected ones.
+
+    Attributes:
+        quantity: "fatigue" or "consumption".
+        root_mean_square_error: the root of the mean squared error.
+        mean_absolute_error: the mean absolute error.
+    """
 
     quantity: str
     root_mean_square_error: float
@@ -42,14 +48,19 @@ class Floor(NamedTuple):
 class NoiseFloor(Tabular):
     """The noise floor of one-step predictions, and the law behind it for each of n rows.
 
-    Columns are those of fatigue and consumption. `mean` is the prediction with the least squared error,
-    `deviation` the standard deviation around it, and `absolute` the mean absolute deviation from the median.
+    The columns of the arrays are fatigue and consumption.
+
+    Attributes:
+        results: a `Floor` for each quantity.
+        mean: the prediction with the least squared error (n, 2).
+        deviation: the standard deviation around `mean` (n, 2).
+        absolute: the mean absolute deviation from the median (n, 2).
     """
 
     results: list[Floor]
-    mean: Floats  # (n, 2)
-    deviation: Floats  # (n, 2)
-    absolute: Floats  # (n, 2)
+    mean: Floats
+    deviation: Floats
+    absolute: Floats
 
     def tables(self) -> list[Table]:
         """The errors, a row for each quantity."""
@@ -149,9 +160,17 @@ STEERED, PREDICTED = slice(0, 4), slice(4, 6)  # of an observation: setpoint to 
 class ModelScore(NamedTuple):
     """The errors of a model's predictions of a quantity after some steps, and those of the noise floor.
 
-    `log_likelihood` is the mean log density of what followed, for a model that gives deviations, and of one
-    step only; `floor_log_likelihood` is the greatest expected one of normal predictions, or None where the
-    next value of a row is certain.
+    Attributes:
+        steps: after how many steps.
+        quantity: "fatigue" or "consumption".
+        root_mean_square_error: the root of the model's mean squared error.
+        floor_root_mean_square_error: the least possible one.
+        mean_absolute_error: the model's mean absolute error.
+        floor_mean_absolute_error: the least possible one.
+        log_likelihood: the mean log density of what followed, after one step; None for a model that gives no
+            standard deviations.
+        floor_log_likelihood: the greatest expected one of normal predictions; None where the next value of a
+            row is certain.
     """
 
     steps: int
@@ -166,7 +185,12 @@ class ModelScore(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class ModelScores(Tabular):
-    """The scores of a model by number of steps and quantity, and the noise floor of the rows."""
+    """The scores of a model, and the noise floor of the rows.
+
+    Attributes:
+        results: a `ModelScore` for each number of steps and quantity.
+        floor: the noise floor of the rows.
+    """
 
     results: list[ModelScore]
     floor: NoiseFloor

@@ -28,17 +28,29 @@ FORMATS = tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.n
 
 
 class Exported(NamedTuple):
-    """The result of an export."""
+    """The result of an export.
+
+    Attributes:
+        format: the format, as it was asked for.
+        path: the file or folder.
+        episodes: the number of episodes.
+        rows: the number of transitions.
+        history: how many observations are stacked.
+        reward_scale: the factor of the rewards.
+        snippet: Python that loads the export.
+        frame: the names of the numbers that are observed at one step.
+        left_out: the number of transitions whose next frame is not in the dataset.
+    """
 
     format: str
-    path: str  # of the file or folder
+    path: str
     episodes: int
-    rows: int  # transitions
+    rows: int
     history: int
     reward_scale: float
-    snippet: str  # Python that loads it
-    frame: tuple[str, ...]  # the numbers that are observed at one step
-    left_out: int  # transitions whose next frame is not in the dataset
+    snippet: str
+    frame: tuple[str, ...]
+    left_out: int
 
     def plain(self) -> dict[str, Any]:
         """The fields as plain data for JSON."""

@@ -25,7 +25,12 @@ COMPRESSED = (
 
 
 class Estimate(Tabular, dict[str, Any]):
-    """The size of a run, and what it would do: a dict that shows as a table."""
+    """The size of a run, and what it would do: a dict that shows as a table.
+
+    Its keys are `name`, `out` (where), `episodes`, `rows`, `shards` (files), `bytes` (estimated) and `action`
+    (what `generate` would do). Of a folder of experiments, the numbers are sums, and `experiments` is a list
+    of such dicts in place of `name` and `action`.
+    """
 
     def tables(self) -> list[Table]:
         """The names and values, a row for each experiment."""
@@ -73,9 +78,7 @@ def estimate(
         allow_code: As in `generate`.
 
     Returns:
-        name, out, episodes, rows, shards, bytes (estimated), and `action`: what `generate` would do with what
-        is at `out`. Of a folder of experiments, the sums, and `experiments`, a list
-        of such dicts.
+        The size, and what `generate` would do with what is at `out`.
 
     Raises:
         IbdataError: As in `generate`.

@@ -192,7 +192,15 @@ class Range(NamedTuple):
 
 
 class PartMade(NamedTuple):
-    """A finished range: the dataset's place, shards and rows, how many shards are missing, and the range."""
+    """What `generate` returns of one part of an array job.
+
+    Attributes:
+        folder: the folder of the dataset, or its URL.
+        shards: the number of files of this part.
+        rows: the number of their rows.
+        missing: how many files of the whole dataset are missing.
+        range: the part, such as "1/2".
+    """
 
     folder: Path | str
     shards: int

@@ -23,7 +23,14 @@ from ibdata.policies.user_object import UserObject
 
 
 class Problem(NamedTuple):
-    """A broken rule: the file, the row in it if there is one, the rule, and what was found and expected."""
+    """A broken rule.
+
+    Attributes:
+        path: the file.
+        row: the row of the file; None for what is not of one row.
+        rule: the name of the rule.
+        message: what was found and what was expected.
+    """
 
     path: str
     row: int | None
@@ -42,7 +49,7 @@ class Problem(NamedTuple):
 
 
 class Findings(Tabular, list[Problem]):
-    """The problems of a dataset: a list that shows as a table."""
+    """The problems of a dataset: a list of `Problem` that shows as a table; empty if there are none."""
 
     def tables(self) -> list[Table]:
         """The problems, a row each."""

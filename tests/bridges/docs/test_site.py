@@ -37,6 +37,8 @@ def test_every_public_name_is_described_with_its_arguments(site):
             found = getattr(ibdata, name)
             assert f'<h3 id="{found.__module__}.{found.__qualname__}"' in text, name
     assert "overrides" in text
+    for path in re.findall(r"^::: (\S+)$", (DOCS / "api.md").read_text(encoding="utf-8"), re.MULTILINE):
+        assert f'id="{path}"' in text, path
 
 
 def shown(notebook) -> list[list[str]]:
