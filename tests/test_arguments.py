@@ -130,6 +130,7 @@ TAKEN = [  # given, and what the function gets: a value of Python, or what says 
     ("several", iter([1]), [1]),
     ("several", pd.Series([3, 4]), [3, 4]),
     ("several", [1.0, 2], [1, 2]),
+    ("several", [1.0, 2.0], [1, 2]),
     ("reals", [1, Fraction(1, 2)], [1, 0.5]),
     ("reals", np.array([0.5, 2], dtype=np.float16), [0.5, 2.0]),
     ("texts", pd.Index(["a"]), ["a"]),

@@ -55,6 +55,26 @@ def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history
     assert found["imperfections"].get("delay") == view.get("imperfections", {}).get("delay")
 
 
+COSTS = {  # where a format has them
+    "csv": lambda path: pd.read_csv(path)["cost"],
+    "d4rl": lambda path: hdf5(path)["costs"],
+    "lerobot": lambda path: pq.read_table(f"{path}/data")["next.cost"],
+    "npz": lambda path: np.load(path)["costs"],
+}
+
+
+def test_costs_have_a_place_or_are_refused(dataset, tmp_path, to):
+    view = {"cost": {"fatigue": 20}}
+    if to not in COSTS:
+        with pytest.raises(UsageError, match=f"^cost: found one, but the format {to} has no place for costs"):
+            ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), view=view)
+        return
+    made = ibdata.export(dataset, to, tmp_path / "made", view=view)
+    costs = dataset.arrays(view=view)["costs"]
+    assert 0 < costs.sum() < len(costs)
+    assert np.array(COSTS[to](made.path)).ravel().tolist() == costs.tolist()
+
+
 def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
     """So memory does not grow with the dataset: at most the rows asked for and one episode more."""
     monkeypatch.setattr("ibdata.exporters._source.BLOCK_ROWS", 60)

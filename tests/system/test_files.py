@@ -1,5 +1,6 @@
 """Files written whole or not at all, the folders of the cache, and files that macOS leaves beside others."""
 
+import io
 import os
 import tempfile
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ibdata._system.cache_folders import cache_folders
-from ibdata._system.files import paths_in, write
+from ibdata._system.files import HashingFile, paths_in, write
 
 
 @pytest.mark.parametrize(("module", "failing"), [(os, "fsync"), (Path, "replace")])
@@ -20,6 +21,11 @@ def test_the_old_file_stays_if_the_system_refuses(monkeypatch, tmp_path, module,
     with pytest.raises(OSError, match="No space"):
         write(tmp_path, "x", b"new")
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("x", b"old")]
+
+
+def test_a_file_that_hashes_says_how_much_it_took():
+    """Who writes through a buffer writes again what was not taken."""
+    assert HashingFile(io.BytesIO()).write(b"abc") == 3
 
 
 @pytest.fixture(autouse=True)
