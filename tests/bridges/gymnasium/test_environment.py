@@ -1,5 +1,6 @@
 """One environment: Gymnasium's own checks, how it is found, its seeds, refusals, pictures and snippets."""
 
+import re
 import subprocess
 import sys
 
@@ -91,13 +92,17 @@ def test_what_cannot_be_meant_is_refused_in_one_line(call, kind, message):
         call()
 
 
-CODE = [
-    block
-    for page in ("docs/environment.md", "README.md")
-    for block in blocks((ROOT / page).read_text(encoding="utf-8"), "python")
-]
+PAGES = "\n".join((ROOT / page).read_text(encoding="utf-8") for page in ("docs/environment.md", "README.md"))
+SHOWN = dict(re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```$", PAGES, re.MULTILINE | re.DOTALL))
+CODE = [x for x in blocks(PAGES, "python") if "\nimport gymnasium\n" in f"\n{x}" or ".make(" in x]
 
 
-@pytest.mark.parametrize("block", [x for x in CODE if "\nimport gymnasium\n" in f"\n{x}" or ".make(" in x])
-def test_a_snippet_with_gymnasium_runs(tmp_path, block):
-    subprocess.run([sys.executable, "-W", "error", "-c", block], cwd=tmp_path, check=True)
+@pytest.mark.parametrize("block", CODE)
+def test_a_snippet_with_gymnasium_runs_and_prints_what_the_page_shows(tmp_path, block):
+    command = [sys.executable, "-W", "error", "-c", block]
+    done = subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True)
+    assert done.stdout == SHOWN.get(block, done.stdout)
+
+
+def test_a_page_shows_which_steps_are_transitions():
+    assert any("transitions" in printed for printed in SHOWN.values())
