@@ -183,3 +183,31 @@ def test_the_list_changes_nothing_and_takes_no_other_option(made, run):
     assert "--list changes nothing, but found more" in err
     assert ibdata.open("d").stored.splits == before
     assert "expected NAME=SPLIT, in quotes such as 'calm={" in run("split", "d", "x")[2]
+
+
+WRITING = """
+generate --config transfer
+generate --config transfer --out ../named/a
+split ../named/a calm.setpoint=50
+card ../named/a
+export ../named/a --to npz --out ../named/a.npz
+validate ../named/a
+reproduce ../named/a --episodes 1
+evaluate safe --setpoint 70 --episodes 2 --steps 3 --save ../named/table.json
+init ../named/mine.yaml
+info ../named/a
+"""
+
+
+def test_commands_write_into_the_places_that_are_named_and_nowhere_else(run, tmp_path, monkeypatch):
+    """The cache apart; without --out, a dataset goes to data/NAME."""
+    for name in ("here", "named"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for line in WRITING.split("\n")[1:-1]:
+        assert run(*line.split(), *(TINY if line.startswith("generate") else ()))[0] == 0, line
+    assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.glob("*/*")) == [
+        "here/data",
+        *(f"named/{name}" for name in ("a", "a.npz", "mine.yaml", "table.json")),
+    ]
+    assert [path.name for path in Path("data").iterdir()] == ["transfer"]

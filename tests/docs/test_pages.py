@@ -103,13 +103,25 @@ def test_the_page_of_libraries_names_what_exists():
 
 
 def test_no_page_is_too_long_to_be_read_at_once():
-    """In words of prose, without code and tables. The documentation as a whole has no limit of words."""
+    """In words of prose, without code, tables and names of tests. The whole documentation has no limit."""
     [guide] = (part["Guide"] for part in YAML(typ="safe").load(ROOT / "mkdocs.yml")["nav"] if "Guide" in part)
     read = {page for entry in guide for page in entry.values()}
     assert len(list(DOCS.glob("*.md")) + list(DOCS.glob("*.ipynb"))) <= 34
     for name, text in PAGES.items():
-        prose = re.sub(r"^```.*?^```$|^\|.*?$", "", text, flags=re.MULTILINE | re.DOTALL)
+        prose = re.sub(r"^```.*?^```$|^\|.*?$|`tests?[/_][\w./]+`[,.]?", "", text, flags=re.MULTILINE | re.DOTALL)
         assert len(prose.split()) <= (900 if name in read else 1_200), name
+
+
+@pytest.mark.parametrize(("page", "points"), [("docs/promises.md", 27), ("SECURITY.md", 7)])
+def test_each_promise_names_tests_that_exist(page, points):
+    """Among them, a bare `test_x.py` is a file beside the one named before it, as above."""
+    text = (ROOT / page).read_text(encoding="utf-8").replace("\n  ", " ")
+    promises = re.findall(r"^- \*\*.*$", text, re.MULTILINE)
+    assert len(promises) == points
+    for promise in promises:
+        named = re.findall(r"`(tests/[\w./]+)`", promise)
+        assert named, promise
+        assert all((ROOT / name).exists() for name in named), promise
 
 
 def test_the_promises_count_the_naive_uses():

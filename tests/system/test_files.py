@@ -50,6 +50,18 @@ def test_the_users_cache_or_a_variable_names_the_folder(variable, folder, tmp_pa
     assert (tmp_path / folder).is_dir()
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no modes")
+def test_the_folder_is_for_its_user_alone(tmp_path, monkeypatch):
+    """Who may write to it can run machine code as its user."""
+    monkeypatch.setenv("IBDATA_CACHE_DIR", str(tmp_path / "asked"))
+    before = os.umask(0)
+    try:
+        cache_folders()
+    finally:
+        os.umask(before)
+    assert (tmp_path / "asked").stat().st_mode & 0o077 == 0
+
+
 def test_a_read_only_folder_is_only_looked_into(home, tmp_path, monkeypatch):
     """As in a container image, where the user's cache gets what is compiled later."""
     asked = tmp_path / "asked"

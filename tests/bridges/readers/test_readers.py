@@ -181,9 +181,20 @@ def test_a_folder_from_the_hub_is_whole(generated, tmp_path):
     ],
 )
 def test_the_snippets_of_a_section_run(use_with, started, heading, rows):
-    (names,) = use_with(heading)
-    data = names["data"]
+    data = use_with(heading)[0]["data"]
     assert rows in (None, data.count() if heading == "Ray Data" else len(data))
+
+
+def test_the_loader_of_windows(use_with):
+    _, names = use_with("PyTorch")
+    assert tuple(names["batch"]["observations"].shape) == (256, 180)
+
+
+def test_hugging_face_draws_rows_and_no_episodes(generated):
+    from datasets import load_dataset
+
+    rows = load_dataset(str(generated / "data/random"), split="all").train_test_split(0.2, seed=0)
+    assert set(rows["train"]["episode"]) == set(rows["test"]["episode"]) == set(range(10))
 
 
 def test_the_snippet_of_hugging_face(use_with):
