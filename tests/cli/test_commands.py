@@ -191,11 +191,8 @@ generate --config transfer --out ../named/a
 split ../named/a calm.setpoint=50
 card ../named/a
 export ../named/a --to npz --out ../named/a.npz
-validate ../named/a
-reproduce ../named/a --episodes 1
 evaluate safe --setpoint 70 --episodes 2 --steps 3 --save ../named/table.json
 init ../named/mine.yaml
-info ../named/a
 """
 
 
