@@ -108,7 +108,9 @@ def test_no_page_is_too_long_to_be_read_at_once():
     read = {page for entry in guide for page in entry.values()}
     assert len(list(DOCS.glob("*.md")) + list(DOCS.glob("*.ipynb"))) <= 34
     for name, text in PAGES.items():
-        prose = re.sub(r"^```.*?^```$|^\|.*?$|`tests?[/_][\w./]+`[,.]?", "", text, flags=re.MULTILINE | re.DOTALL)
+        prose = re.sub(
+            r"^```.*?^```$|^\|.*?$|`tests?[/_][\w./]+`[,.]?", "", text, flags=re.MULTILINE | re.DOTALL
+        )
         assert len(prose.split()) <= (900 if name in read else 1_200), name
 
 

@@ -17,6 +17,7 @@ from ibdata._system.storage import Storage
 from ibdata.errors import BusyError
 from ibdata.plan.dataset_spec import spec_in
 from ibdata.tools.checks import check_shard
+from ibdata.tools.rules import RULES
 from ibdata.tools.validate import validate
 
 
@@ -181,7 +182,14 @@ def test_the_densities_of_every_policy_are_found_to_be_right(made):
 DENSITIES = [(number, "action_log_prob", "density") for number in (0, 1, 2, 5, 6)]
 
 
-@pytest.mark.parametrize(("number", "name", "rule"), [*DENSITIES, (4, "expert_act_gain", "expert action")])
+LATE = [*DENSITIES, (4, "expert_act_gain", "expert action")]
+
+
+def test_every_rule_has_a_case_that_breaks_it():
+    assert {rule for *_, rule in (*BROKEN, *LATE)} == set(RULES)
+
+
+@pytest.mark.parametrize(("number", "name", "rule"), LATE)
 def test_a_wrong_answer_of_a_policy_late_in_an_episode_is_found(made, tmp_path, number, name, rule):
     spec, row = spec_in(made.stored), number * 6 * STEPS + 17
     path = Path(shutil.copy(next((made.path / "data").iterdir()), tmp_path / "x.parquet"))
