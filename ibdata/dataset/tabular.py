@@ -71,8 +71,8 @@ class ColumnStatistics(Tabular, dict[str, Any]):
     """The statistics of each column: a dict by the column's name that shows as a table.
 
     Each is a dict of `count` (numbers that are not NaN), `mean`, `std` (of the population: divided by
-    `count`), `min`, `max` and `quantiles`, a dict by probability, such as "0.5". A quantile is a number of
-    the column: where it lies between two, the lower one.
+    `count`), `min`, `max` and `quantiles`, a dict by probability q, such as "0.5": the least number
+    x of the column for which at least a share q of the numbers is at most x.
     """
 
     def tables(self) -> list[Table]:
