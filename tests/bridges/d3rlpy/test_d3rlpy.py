@@ -64,6 +64,8 @@ def test_every_transition_is_there_with_its_next_observation(dataset, tmp_path, 
             assert found.dtype == np.float32
             assert found.tobytes() == expected.tobytes()
         assert transition.terminal == 0
+        last = arrays["truncated"][i]  # whose next action, which ReBRAC reads, is the padding
+        assert (transition.next_action == (0.5 if last else arrays["actions"][i + 1])).all()
 
 
 def test_actions_that_are_all_whole_numbers_stay_continuous(tmp_path):
