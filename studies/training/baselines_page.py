@@ -1,8 +1,8 @@
-"""The tables and the picture of docs/baselines.md."""
+"""The tables of docs/baselines.md."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,8 @@ import pandas as pd
 import ibdata
 from ibdata._numerics.confidence import mean_estimate
 from ibdata.dataset.reference_returns import scale
-from ibdata.evaluation.baselines import BEHAVIOUR, Baseline, Evaluated
+from ibdata.evaluation.algorithms import Group, estimated
+from ibdata.evaluation.baselines import BEHAVIOUR, WHOLE, Baseline, Evaluated
 from measuring.documents import DOCS, table, write_measured
 from training.protocol import LITERATURE
 from training.selection import rank_correlation
@@ -28,7 +29,6 @@ Key = tuple[str, str]  # a set and an algorithm
 Floats = npt.NDArray[np.float64]
 BOTH = {"td3+bc": "TD3+BC", "cql": "CQL", "bcq": "BCQ", "bear": "BEAR"}
 FEWEST = 5  # sets for a rank correlation
-PICTURE = DOCS / "figures" / "baselines.png"
 
 
 def grouped(lines: Sequence[Baseline]) -> dict[Key, list[Baseline]]:
@@ -76,13 +76,32 @@ def cell(lines: Sequence[Baseline]) -> str:
     return " ".join(parts) or "–"
 
 
+def clearly_best(of_row: Mapping[str, Sequence[Baseline]]) -> str | None:
+    """The algorithm or the behaviour that is better than each other one by the interval of the difference.
+
+    The interval is for new trainings and new episodes. What has one seed has none, and is left out.
+    """
+    groups = []
+    for algorithm, lines in of_row.items():
+        returns = [values for line in lines for values in [evaluation(line).values] if values is not None]
+        if algorithm == BEHAVIOUR or len(returns) > 1:
+            groups.append(Group(algorithm, WHOLE, algorithm != BEHAVIOUR, np.array(returns)))
+    best, *others = sorted(groups, key=lambda group: -group.returns.mean())
+    intervals = [estimated(best, other).interval for other in others]
+    is_clear = all(interval is not None and interval[0] > 0.0 for interval in intervals)
+    return best.label if is_clear else None
+
+
 def results(lines: Sequence[Baseline], sets: Sequence[str], algorithms: Sequence[str]) -> str:
     """A Markdown table with a row per set."""
     groups = grouped(lines)
     rows = []
     for name in sets:
-        cells = (cell(groups.get((name, algorithm), [])) for algorithm in algorithms)
-        rows.append((f"`{name}`", *cells))
+        of_row = {algorithm: groups.get((name, algorithm), []) for algorithm in algorithms}
+        cells = {algorithm: cell(of_cell) for algorithm, of_cell in of_row.items()}
+        if (best := clearly_best(of_row)) is not None:
+            cells[best] = f"**{cells[best]}**"
+        rows.append((f"`{name}`", *cells.values()))
     return table(("set", *(LABELS[algorithm] for algorithm in algorithms)), rows)
 
 
@@ -181,7 +200,9 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
     parts = [
         f"{len(done)} of {len(runs)} runs are done; – stands for what was not run. Standard errors over "
         f"the 200 episodes are at most {errors[0]} for what was trained, {errors[1]} for behaviours. "
-        f"Reference returns are means of 10,000 episodes: {known}.",
+        f"Reference returns are means of 10,000 episodes: {known}. "
+        "In bold is the best of a row, if it is better than each other by the 95 % interval of the "
+        "difference, for new trainings and new episodes; what has one seed has no interval, and is left out.",
         results(lines, [name for sets in by_suite.values() for name in sets], [BEHAVIOUR, *FOUR, MODEL]),
         results(lines, others, [BEHAVIOUR, *TWO]),
         "### Compared with the behaviour",
@@ -199,37 +220,3 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
 def write_page(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
     """Write the tables."""
     write_measured(DOCS / "baselines.md", f"\n{block(lines, plan)}\n")
-
-
-def draw(lines: Sequence[Baseline], plan: Sequence[Any]) -> None:
-    """Draw the mean return of each seed in a panel per set, against the behaviour's and the expert's."""
-    import matplotlib.pyplot as plt
-
-    groups, names = grouped(lines), [name for name in LABELS if name != BEHAVIOUR]
-    sets = list(dict.fromkeys(run.set for run in plan))
-    starts = [[s for s in sets if s.startswith(f"siemens-offline/{kind}")] for kind in ("bad", "med", "opt")]
-    starts += [[s for s in sets if s.startswith(("siemens-offline/glob", "neorl"))]]
-    starts += [[s for s in sets if s.startswith("d4rl")]]
-    figure, axes = plt.subplots(5, 5, figsize=(10, 10.5), sharex=True, sharey="row", layout="constrained")
-    for line, row in zip(axes, starts, strict=True):
-        for axis, name in zip(line, [*row, *[None] * (5 - len(row))], strict=True):
-            if name is None:
-                axis.set_visible(False)
-                continue
-            axis.axhline(references()["expert"] / 100, color="0.6", linestyle=":", label="expert")
-            for result in groups.get((name, BEHAVIOUR), []):
-                axis.axhline((mean_of(result) or np.nan) / 100, color="#bc4b51", label="behaviour")
-            for i, algorithm in enumerate(names):
-                means = map(mean_of, groups.get((name, algorithm), []))
-                values = [mean for mean in means if mean is not None]
-                axis.plot([i] * len(values), np.divide(values, 100), "o", color="#2a6f97", markersize=4)
-            axis.set(title=name.replace("siemens-offline/", ""), xlim=(-0.6, len(names) - 0.4))
-            axis.set_xticks(range(len(names)), [LABELS[x] for x in names], rotation=90, fontsize=7)
-            axis.tick_params(labelbottom=True)
-            axis.title.set_fontsize(9)
-    handles = axes[0, 0].get_lines()[:2]  # beside the panels, where they hide no result
-    figure.legend(handles=handles, loc="outside upper right", ncols=2, fontsize=8)
-    done = sum(line.algorithm != BEHAVIOUR for line in lines)
-    figure.suptitle(f"{done} of {sum(run.algorithm != BEHAVIOUR for run in plan)} runs", fontsize=9)
-    figure.supylabel("mean return / 100 of each seed")
-    figure.savefig(PICTURE, dpi=110)

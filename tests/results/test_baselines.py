@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from helpers import ROOT, script
 from helpers.evaluating import LITERATURE
+from scipy import stats
 
 import ibdata
 from ibdata.evaluation.baselines import FILE, WHOLE, measured, shipped_baselines
 from ibdata.policies import expert
 from measuring.documents import measured as tables_of
 from training import baselines_page as page
+from training import field
 
 LINES = shipped_baselines([FILE])
 PAGE = (ROOT / "docs/baselines.md").read_text(encoding="utf-8")
@@ -26,6 +28,48 @@ def baselines():
 
 def test_the_page_holds_the_results_that_were_run_and_no_others(baselines):
     assert tables_of(PAGE) == f"\n{page.block(LINES, baselines.plan())}\n"
+
+
+def test_bold_is_what_is_better_than_each_other_of_its_row():
+    """By hand: the squares of the half-widths over seeds and over episodes add up (MOVER)."""
+    returns = {
+        key: np.array([page.returns_of(line) for line in lines]) for key, lines in page.grouped(LINES).items()
+    }
+    rows = re.findall(r"^\| `(\w+-like/.+?|siemens.+?)` \| (.+) \|$", tables_of(PAGE), re.MULTILINE)
+    assert len(rows) == 24 + 4
+    bold = []
+    for name, text in rows:
+        cells = text.split(" | ")
+        names = ["behaviour", *(page.TWO if len(cells) == 3 else [*page.FOUR, page.MODEL])]
+        known = [x for x in names if x == "behaviour" or len(returns.get((name, x), [])) == 3]
+        best, *others = sorted(known, key=lambda x: -returns[name, x].mean())
+        is_clear = all(lowest(returns[name, best], returns[name, x]) > 0 for x in others)
+        expected = [x == best and is_clear for x in names]
+        assert [cell.startswith("**") for cell in cells] == expected, name
+        bold += [name] * is_clear
+    assert bold == ["d4rl-like/medium-replay", "siemens-offline/optimized-40"]
+    assert "in one of the 24 rows, the best is better than each other by the interval" in PAGE
+
+
+def lowest(one, other):
+    """The lower end of the interval of a difference of returns (seeds, episodes)."""
+    difference = one.mean(axis=0) - other.mean(axis=0)
+    halves = [stats.t.ppf(0.975, len(difference) - 1) * stats.sem(difference)]
+    halves += [stats.t.ppf(0.975, 2) * stats.sem(x.mean(axis=1)) for x in (one, other) if len(x) == 3]
+    return difference.mean() - np.hypot.reduce(halves)
+
+
+def test_the_picture_has_the_scores_of_all_seeds():
+    rows = dict(field.rows(LINES))
+    assert len(rows) == 24 + 5
+    for name, policy in (("global-100", 0.0), ("optimized-0", 100.0), ("random", 0.0)):
+        assert rows[name]["behaviour"] == [pytest.approx(policy)]
+    for name in rows.keys() - {"random", "safe"}:
+        assert all(len(rows[name][x]) == 3 for x in ("bc", "iql")), name
+    means = {(x.set.rpartition("/")[2], x.algorithm): page.mean_of(x) for x in LINES}
+    low, high = (means[x, "behaviour"] for x in ("global-100", "optimized-0"))
+    expected = 100 * (means["bad-0", "model-based"] - low) / (high - low)
+    assert rows["bad-0"]["model-based"] == [pytest.approx(expected)]
 
 
 def test_every_number_of_the_reading_is_a_result():
