@@ -3,6 +3,7 @@
 import glob
 import re
 from collections.abc import Iterable
+from fnmatch import filter as filter_names
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +29,15 @@ LABELLED = re.compile(r"([A-Za-z0-9_+-]+)=(.+)", re.DOTALL)
 
 def _labelled(words: Iterable[str]) -> list[Any]:
     """The policies that words such as safe, bc=runs/bc.safetensors and 'bc=runs/bc-*.safetensors' name."""
+    from ibdata.policies.weights_file import shipped_names
+
     given: list[Any] = []
     for word in words:
         match = None if Path(word).is_file() else LABELLED.fullmatch(word)
         label, text = match.groups() if match else (None, word)
         texts = [text]
         if glob.has_magic(text) and "{" not in text and ": " not in text and not Path(text).exists():
-            texts = sorted(glob.glob(str(Path(text).expanduser())))
+            texts = sorted(glob.glob(str(Path(text).expanduser()))) or filter_names(shipped_names(), text)
             if not texts:
                 raise UsageError(f"{word}: found no such file, expected at least one")
         given += [{label: texts}] if label else texts
@@ -53,10 +56,11 @@ def _refuse_beside(option: str, *allowed: str) -> None:
 
 
 def _kinds(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """The kinds of policies that begin as the incomplete word does."""
+    """The kinds of policies and the shipped networks that begin as the incomplete word does."""
     from ibdata.policies import NAMED
+    from ibdata.policies.weights_file import shipped_names
 
-    return [CompletionItem(kind) for kind in NAMED if kind.startswith(incomplete)]
+    return [CompletionItem(name) for name in (*NAMED, *shipped_names()) if name.startswith(incomplete)]
 
 
 @click.command("evaluate")
@@ -139,9 +143,9 @@ def evaluate_command(
 ) -> Printable:
     """Simulate new episodes with policies and compare their returns.
 
-    POLICY is a kind of policy, a block such as '{kind: safe}', a file with a block, or a file of weights;
-    or LABEL= and one of these, or files such as 'iql=runs/iql-*.safetensors'. Policies of one label are
-    trainings of one algorithm with several seeds.
+    POLICY is a kind of policy, a shipped network, a block such as '{kind: safe}', a file with a block, or a
+    file of weights; or LABEL= and one of these, or several such as 'iql=runs/iql-*.safetensors'. Policies of
+    one label are trainings of one algorithm with several seeds.
 
     \b
     ibdata evaluate optimized
@@ -152,6 +156,7 @@ def evaluate_command(
     ibdata evaluate safe --against optimized-40
     ibdata evaluate safe --against random --start '{burn_in: [15, 64]}'
     ibdata evaluate 'iql=runs/iql-*.safetensors' --against random --save t.tex
+    ibdata evaluate 'iql=random-iql-*' 'bc=random-bc-*' --against random
     ibdata evaluate --again t.json --with runs
     """
     from ibdata.evaluation import evaluate

@@ -175,17 +175,22 @@ def list_() -> Printable:
 @config_command.command("policies")
 @prints_result
 def policies_() -> Printed:
-    """List the policies and their options."""
+    """List the policies and their options, and the networks that come with ibdata."""
+    from ibdata.evaluation.baselines import shipped_networks
     from ibdata.policies import policy_list
 
-    kinds = policy_list()
+    kinds, networks = policy_list(), shipped_networks()
     lines = []
     for policy in kinds:
         lines.append(f"{policy['kind']}: {policy['summary']}")
         for option in policy["options"]:
             default = "required" if option["required"] else f"default {json.dumps(option['default'])}"
             lines.append(f"    {option['name']} ({default}): {option['description']}")
-    return Printed({"policies": kinds}, "\n".join(lines))
+    lines.append("Networks, by name:")
+    for network in networks:
+        score = f" (score {network['score']:.1f})" if "score" in network else ""
+        lines.append(f"    {network['name']}{score}: {network['provenance']}")
+    return Printed({"policies": kinds, "networks": networks}, "\n".join(lines))
 
 
 @config_command.command("validate")

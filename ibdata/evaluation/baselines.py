@@ -17,11 +17,14 @@ from ibdata._numerics.arrays import Floats
 from ibdata._numerics.confidence import mean_estimate
 from ibdata._numerics.naming import exact
 from ibdata.dataset.models import JsonObject, Sha256
+from ibdata.dataset.reference_returns import EXPERT, HUNDRED
 from ibdata.errors import UsageError, parameter
 from ibdata.evaluation.algorithms import BEHAVIOUR as BEHAVIOUR
 from ibdata.evaluation.algorithms import KNOWN, LineReturns
+from ibdata.evaluation.results import overall, scores
 from ibdata.experiment.catalogue import full_name
 from ibdata.experiment.scenario import scenario_of
+from ibdata.policies.weights_file import SHIPPED, shipped_names, weights_at
 from ibdata.views.options import ViewOptions
 
 if TYPE_CHECKING:
@@ -99,6 +102,7 @@ class Baseline(JsonObject):
     content_root: Sha256 | None  # of the dataset
     hyperparameters: dict[str, Any]
     versions: dict[str, str]
+    weights: Sha256 | None = None  # of the network that played, if it is shipped
 
     @property
     def key(self) -> tuple[str, str, str, int | None]:
@@ -126,6 +130,23 @@ def shipped_baselines(files: Sequence[Path] = (FILE, PROTOTYPES)) -> list[Baseli
     """The lines of some files, in their order."""
     texts = [file.read_text(encoding="utf-8") for file in files if file.exists()]
     return [Baseline.model_validate_json(line) for text in texts for line in text.splitlines()]
+
+
+def shipped_networks() -> list[dict[str, Any]]:
+    """The networks by name with their origin and, if they have results, the score in the first evaluation."""
+    lines = {line.key: line for line in shipped_baselines([PROTOTYPES])}
+    by_weights = {line.weights: line for line in lines.values()}
+    found: list[dict[str, Any]] = []
+    for name in shipped_names():
+        weights = weights_at(name, None, SHIPPED, {})
+        found.append({"name": name, "provenance": weights.metadata.provenance})
+        if (line := by_weights.get(weights.sha256)) is not None:
+            known = [line, *(lines[line.set, NOTHING, kind, None] for kind in (BEHAVIOUR, HUNDRED, EXPERT))]
+            returns = np.array([each.evaluations[0].values for each in known])
+            [scored] = scores(returns[:1], returns[1:])
+            score = overall(scored).score
+            found[-1] |= {"set": line.set, "algorithm": line.algorithm, "seed": line.seed, "score": score}
+    return found
 
 
 @public

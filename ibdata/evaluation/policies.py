@@ -30,7 +30,7 @@ from ibdata.policies.compound import block_of, is_foreign
 from ibdata.policies.libraries import far_notes, owner_of, scaling_of
 from ibdata.policies.network import Network
 from ibdata.policies.user_object import TARGET, Custom, ObjectPolicy, UserObject, refuse_shared
-from ibdata.policies.weights_file import SUFFIX, Weights
+from ibdata.policies.weights_file import SUFFIX, Weights, shipped_names
 from ibdata.views.options import OBSERVED, PLAIN, ViewOptions
 
 
@@ -166,8 +166,8 @@ def _policy_of(argument: Any, history: int) -> tuple[Policy, bool]:
 
 def _named(name: str | os.PathLike[str]) -> Policy:
     text = os.path.expanduser(name)
-    if text in NAMED:
-        return block_policy({"kind": text}, f"policy {text}")
+    if text in NAMED or text in shipped_names():
+        return block_policy(block_of(text), f"policy {text}").labelled(text)
     if text.endswith(SUFFIX) and "{" not in text:
         return block_policy({"kind": "network", "file": text}, f"policy {name}").labelled(Path(text).stem)
     if os.path.isfile(text):
@@ -179,8 +179,12 @@ def _named(name: str | os.PathLike[str]) -> Policy:
     else:
         if os.path.isdir(text):
             raise UsageError(f"policy: found the folder {text}; ibdata info shows a dataset")
-        known = f"one of {', '.join(NAMED)}, a block such as '{{kind: safe}}', or a file with one"
-        raise UsageError(f"policy: found {text!r}{suggestion(text, NAMED) or f', expected {known}'}")
+        names = [*NAMED, *shipped_names()]
+        known = (
+            f"one of {', '.join(NAMED)}, a network that ibdata config policies lists, a block such as "
+            "'{kind: safe}', or a file with one"
+        )
+        raise UsageError(f"policy: found {text!r}{suggestion(text, names) or f', expected {known}'}")
     try:
         block = Document(source).data
     except StrictYamlError as error:

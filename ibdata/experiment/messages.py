@@ -18,7 +18,7 @@ from ibdata.errors import ConfigError, Loc, Problems, meant, suggestion
 from ibdata.experiment.fields import LICENCE, LICENCE_PATTERN, SHARE_PATTERN
 from ibdata.policies import POLICIES
 from ibdata.policies.user_object import TARGET, TARGET_MEANT
-from ibdata.policies.weights_file import SHA256
+from ibdata.policies.weights_file import SHA256, shipped_names
 
 # type of an error → what was expected; the context of the error fills the braces
 EXPECTED = {
@@ -138,7 +138,10 @@ def _message(error: Mapping[str, Any], options: list[str]) -> str:
         words = _words(context.get("expected") or context["expected_tags"])
         words = [word for word in words if word != "live"]  # which only Python makes
         word = value.get("kind") if kind == "union_tag_invalid" and isinstance(value, dict) else value
-        return f"found {shown(word)}{meant(str(word), words)}"
+        networks = shipped_names() if "network" in words and str(word) not in POLICIES else []
+        if word in networks:
+            return f"found kind {word}, which is a network; write {{kind: network, file: {word}}}"
+        return f"found {shown(word)}{suggestion(str(word), [*words, *networks]) or meant(str(word), words)}"
     if kind == "union_tag_not_found":
         return f"found {shown(value)}, expected a mapping with 'kind'"
     if kind in ("value_error", "assertion_error"):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
+    BeforeValidator,
     Field,
     PrivateAttr,
     ValidationInfo,
@@ -36,6 +37,7 @@ from ibdata.experiment.messages import refusals
 from ibdata.experiment.scenario import Cell, Dynamics, Scenario
 from ibdata.policies import AnyPolicy
 from ibdata.policies.base import FrozenModel
+from ibdata.policies.compound import block_of
 from ibdata.policies.user_object import ObjectPolicy
 
 if TYPE_CHECKING:
@@ -43,6 +45,12 @@ if TYPE_CHECKING:
 
 MAX_SHARDS = 10_000_000
 SPLITS_REMEDY = "; change it, or leave out all splits by the override splits={}"
+
+
+def _labelled(policy: Any) -> Any:
+    """A policy; one that is the name of a network has it as its label, too."""
+    block = block_of(policy)
+    return {**block, "name": policy} if isinstance(policy, str) and "file" in block else block
 
 
 class Experiment(FrozenModel):
@@ -70,9 +78,9 @@ class Experiment(FrozenModel):
     setpoints: Setpoints = Field(
         description="a number, a list, {start, stop, step}, drifting, or {drifting: …}; in [0, 100]"
     )
-    policies: Annotated[list[AnyPolicy], Field(min_length=1, max_length=1000)] = Field(
-        description="names of policies, or blocks with a kind and its options"
-    )
+    policies: Annotated[
+        list[Annotated[AnyPolicy, BeforeValidator(_labelled)]], Field(min_length=1, max_length=1000)
+    ] = Field(description="names of policies, or blocks with a kind and its options")
     episodes: EpisodeCount = Field(default=1, description="number of episodes per setpoint and policy")
     steps: StepCount = Field(default=1000, description="number of steps, and rows, per episode")
     start: Start = Field(

@@ -33,6 +33,7 @@ from ibdata.policies.base import (
 from ibdata.policies.checked import ask
 from ibdata.policies.distributions import ByRow, Distribution, Group, applied
 from ibdata.policies.replaced import OrUniform
+from ibdata.policies.weights_file import shipped_names
 
 # By kind, in alphabetical order: the package fills it when all its modules are imported.
 POLICIES: dict[str, type[Policy]] = {}
@@ -58,7 +59,8 @@ class OneOf:
         block = handler(schema)
         options = {kind: POLICIES[kind].model_fields.values() for kind in block["discriminator"]["mapping"]}
         complete = [kind for kind, fields in options.items() if not any(x.is_required() for x in fields)]
-        return {"anyOf": [{"enum": complete, "type": "string"}, block]}
+        networks = shipped_names() if "network" in options else []
+        return {"anyOf": [{"enum": [*complete, *networks], "type": "string"}, block]}
 
 
 def is_foreign(value: Any) -> bool:
@@ -67,9 +69,10 @@ def is_foreign(value: Any) -> bool:
 
 
 def block_of(value: Any) -> Any:
-    """The block {kind: name} of a name, or that of an object of Python's; anything else as it is."""
+    """The block of the name of a kind or a network, or of an object of Python's; anything else as it is."""
     if isinstance(value, str):
-        return {"kind": value}
+        is_network = value not in POLICIES and value in shipped_names()
+        return {"kind": "network", "file": value} if is_network else {"kind": value}
     if isinstance(value, type):
         raise ValueError(f"found the class {value.__name__}, expected an object: {value.__name__}(…)")
     if can_act(value) and is_foreign(value):

@@ -24,7 +24,7 @@ from ibdata._numerics.arrays import Float32s
 from ibdata._numerics.compiled import compiled
 from ibdata._numerics.exact import tanh
 from ibdata._system.files import plain_bytes
-from ibdata.errors import printable
+from ibdata.errors import printable, suggestion
 from ibdata.policies.base import OBSERVATION
 
 Sizes = npt.NDArray[np.int64]
@@ -154,6 +154,11 @@ def name_in_dataset(sha256: str) -> str:
     return f"policy-{sha256[:16]}{SUFFIX}"
 
 
+def shipped_names() -> list[str]:
+    """The names of the networks that come with ibdata."""
+    return sorted(path.stem for path in SHIPPED.glob(f"*{SUFFIX}"))
+
+
 def weights_at(file: str, sha256: str | None, folder: Path | None, known: dict[str, Weights]) -> Weights:
     """The weights of a file in a folder, of a shipped name, or those of the known ones with this name.
 
@@ -163,15 +168,15 @@ def weights_at(file: str, sha256: str | None, folder: Path | None, known: dict[s
     for weights in known.values():
         if file == weights.name and sha256 in (None, weights.sha256):
             return weights
-    shipped = [path.stem for path in sorted(SHIPPED.glob(f"*{SUFFIX}"))]
+    name, shipped = file.removesuffix(SUFFIX), shipped_names()
     path = (folder or Path()) / os.path.expanduser(file)
-    if file.removesuffix(SUFFIX) in shipped and not path.is_file():
-        path = SHIPPED / f"{file.removesuffix(SUFFIX)}{SUFFIX}"
+    if name in shipped and not path.is_file():
+        path = SHIPPED / f"{name}{SUFFIX}"
     try:
         weights = Weights(plain_bytes(path, MAX_BYTES), path.name)
     except FileNotFoundError:
         where = "beside the YAML file" if folder else "in the current folder"
-        hint = f" or one of {', '.join(shipped)}" if shipped else ""
+        hint = suggestion(name, shipped) or " or a network that ibdata config policies lists"
         if sha256 is not None and file == name_in_dataset(sha256):
             hint = "; give the experiment itself, or copy the file from meta/ of its dataset"
         raise ValueError(f"found no file {file!r}, expected one {where}{hint}") from None

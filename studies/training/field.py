@@ -34,9 +34,10 @@ ROW, FIRST, APART = 0.2, -0.3, 0.15  # the height of a row in inches, and where 
 
 def means(line: Baseline) -> Floats:
     """The mean returns at the setpoints of the first evaluation, in the transfer of that at 75."""
-    found = next(e.values for e in line.evaluations if line.set != "transfer" or e.setpoint == 75.0)
-    assert found is not None
-    return found.mean(axis=1)
+    returns = next(e.values for e in line.evaluations if line.set != "transfer" or e.setpoint == 75.0)
+    assert returns is not None
+    found: Floats = returns.mean(axis=1)
+    return found
 
 
 def rows(lines: Sequence[Baseline]) -> list[tuple[str, dict[str, list[float]]]]:

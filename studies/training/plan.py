@@ -15,6 +15,7 @@ MODEL_BASED, MODEL, BLIND = "model-based", "model", " without setpoint"
 SEEDS = (0, 1, 2)
 SIZES = {"random": (1, 10, 100), "safe": (1, 10)}
 FOUR = ["bc", "td3+bc", "iql", MODEL_BASED]
+AGENTS = [*FOUR, "cql"]  # whose networks are shipped, of ten episodes each of the set random
 SOURCE, TARGET, FEW = 50, 75, (1, 2, 5, 10)
 SOURCES, TARGETS = tuple(range(10, 100, 10)), tuple(range(55, 105, 5))
 WAYS = ("target", "source", "pooled", "fine-tuned")
@@ -34,6 +35,12 @@ class Run(NamedTuple):
     trained_on: str
     algorithm: str
     seed: int | None
+
+    @property
+    def agent(self) -> str | None:
+        """The name of its network, if that is shipped."""
+        is_agent = self[:2] == ("random", episodes_each(10)) and self.algorithm in AGENTS
+        return f"{self.set}-{self.algorithm.replace('+', '')}-{self.seed}" if is_agent else None
 
     def targets(self) -> list[float]:
         """The setpoints at which a run of the transfer is tried: all targets for what saw a source only."""
@@ -64,8 +71,7 @@ def plan() -> list[Run]:
     runs = known_policies()
     for seed in SEEDS:
         runs += exploration(seed) + transfer(seed)
-        if seed == 0:
-            runs += [Run(name, episodes_each(10), "cql", 0) for name in ("random", "safe")]
+        runs += [Run(name, episodes_each(10), "cql", seed) for name in ("random", "safe")[: 1 + (seed == 0)]]
     runs += across()
     return list(dict.fromkeys(runs))
 

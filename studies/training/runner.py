@@ -43,7 +43,9 @@ class Runner:
         options = self.options()
         if options.page:
             known = self.known(options.out)
-            options.out.write_text("".join(f"{line.model_dump_json()}\n" for line in known.values()))
+            options.out.write_text(
+                "".join(f"{line.model_dump_json(exclude_unset=True)}\n" for line in known.values())
+            )
             self.write_page(list(known.values()))
             return
         chosen = [key for key in self.plan if all(word in words_of(key) for word in options.words)]
@@ -85,7 +87,7 @@ class Runner:
                 print(f"{name}, in {options.out.name}: {self.describe(known)}", flush=True)
             else:
                 with options.out.open("a", encoding="utf-8") as file:
-                    file.write(line.model_dump_json() + "\n")
+                    file.write(line.model_dump_json(exclude_unset=True) + "\n")
         return True
 
 

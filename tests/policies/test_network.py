@@ -118,7 +118,7 @@ def test_shipped_weights_have_names_but_a_users_file_is_first(saved, tmp_path, m
     monkeypatch.setattr(weights_file, "SHIPPED", folder)
     shipped = Weights(networks.weights(seed=3)).sha256
     assert Network(file="high").sha256 == Network(file="high.safetensors").sha256 == shipped
-    with pytest.raises(ValidationError, match="expected one in the current folder or one of high"):
+    with pytest.raises(ValidationError, match="expected one in the current folder; did you mean 'high'"):
         Network(file="hihg")
     saved()
     (tmp_path / "actor.safetensors").rename(tmp_path / "high")

@@ -31,7 +31,7 @@ REFUSED = [  # the block, the column, and the message
     ("gaussian, base: {kind: custom, target: 'a:b'}, scale: 0.1",
      "28: policies.0.base: found custom without deterministic: true, expected a policy that draws nothing"),
     ("network, file: no.safetensors",
-     "27: policies.0.file: found no file 'no.safetensors', expected one beside the YAML file or one of "),
+     "27: policies.0.file: found no file 'no.safetensors', expected one beside the YAML file or a netw"),
     ("network, file: x.yaml", "27: policies.0.file: x.yaml: found other contents"),
     ("network, file: .", "27: policies.0.file: .: cannot be read: not a regular file"),
     ("network, file: actor.safetensors, sha256: '00'",

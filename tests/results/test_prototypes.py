@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 
@@ -10,6 +11,8 @@ import pytest
 from helpers import ROOT, script
 
 from ibdata.evaluation.baselines import NOTHING, PROTOTYPES, measured, shipped_baselines
+from ibdata.policies import POLICIES
+from ibdata.policies.weights_file import SHIPPED
 from training import formulas
 from training import prototypes_page as page
 from training.plan import FOUR, SIZES, Run, episodes_each, plan, transfer
@@ -48,6 +51,29 @@ def test_the_behaviour_is_played_again_with_the_same_returns(name):
     [shipped] = [line for line in LINES if (line.set, line.algorithm) == (name, "behaviour")]
     again = script("prototypes").known(Run(name, NOTHING, "behaviour", None))
     assert again.evaluations == shipped.evaluations
+
+
+AGENTS = {line.weights: line for line in LINES if line.weights}
+
+
+def test_each_agent_has_its_lines_and_each_line_its_agent():
+    files = {hashlib.sha256(path.read_bytes()).hexdigest(): path.stem for path in SHIPPED.glob("random-*")}
+    assert files == {sha256: Run(*line.key).agent for sha256, line in AGENTS.items()}
+    for name in files.values():
+        network = POLICIES["network"](file=name).weights
+        run = Run(*next(line.key for line in AGENTS.values() if line.weights == network.sha256))
+        trained = f"{run.algorithm}, seed {run.seed}, trained on {run.set}, {run.trained_on}"
+        assert (network.metadata.provenance, network.metadata.frames) == (trained, 30)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("weights", AGENTS, ids=lambda sha256: Run(*AGENTS[sha256].key).agent)
+def test_the_lines_of_an_agent_are_those_of_its_file_bit_for_bit(weights):
+    """tests/naive/test_agents.py does this with three networks and the first evaluation."""
+    line = AGENTS[weights]
+    again = script("prototypes").evaluated
+    policy = {"kind": "network", "file": Run(*line.key).agent}
+    assert [again(policy, evaluated.settings) for evaluated in line.evaluations] == line.evaluations
 
 
 def test_the_formulas_have_their_returns_in_fewer_episodes():

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+import torch
 from d3rlpy.dataset import InfiniteBuffer, ReplayBuffer
 from helpers import script
 
 import ibdata
 from ibdata.evaluation.baselines import WHOLE
-from training import offline
+from training import model_based, offline
+from training.plan import Run, episodes_each
 
 SMALL = ["episodes=3", "steps=200"]
 
@@ -60,3 +62,30 @@ def test_a_result_is_what_evaluate_measures_of_the_policy(small, rows, baselines
         (found.results[0].mean_return, found.results[0].standard_error, found.results[0].p10), rel=1e-4
     )
     assert line.content_root == small.content_root
+
+
+def test_agents_are_kept_as_they_act_and_never_replaced(rows, tmp_path, monkeypatch):
+    prototypes, shipped = script("prototypes"), tmp_path / "shipped"
+    shipped.mkdir()
+    monkeypatch.setattr(prototypes, "SHIPPED", shipped)
+    mean, std = (torch.from_numpy(x).float() for x in rows.moments())
+    torch.manual_seed(0)
+    policies = {
+        "td3+bc": offline.train("td3+bc", rows, seed=1, steps=20)[0],
+        "model-based": model_based.Policy(mean, model_based.spread_of(std)),
+    }
+    for algorithm, policy in policies.items():
+        run = Run("random", episodes_each(10), algorithm, 1)
+        block = prototypes.saved(policy, run, tmp_path)
+        file = shipped / f"random-{algorithm.replace('+', '')}-1.safetensors"
+        assert block["file"] == str(file)
+        found, expected = (
+            ibdata.evaluate(x, episodes=3, steps=40, history=history).returns
+            for x, history in ((block, 1), (policy, 30))
+        )
+        np.testing.assert_allclose(found, expected, rtol=1e-4)
+        before = file.read_bytes()
+        again = prototypes.saved(policies["td3+bc"], run, tmp_path)
+        assert again["file"] == str(tmp_path / file.name)
+        assert file.read_bytes() == before
+    assert [Run("random", episodes_each(n), "bc", 0).agent for n in (1, 10)] == [None, "random-bc-0"]
