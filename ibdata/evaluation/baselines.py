@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 FILE = Path(__file__).with_name("baselines.jsonl")
 PROTOTYPES = FILE.with_name("prototypes.jsonl")
 PUBLISHED = FILE.with_name("published.csv")  # a row per set, a column per algorithm
-NO_CHANGE, IN_FILES = "constant", "zero"  # the policy that changes nothing, and its name in the files
+NO_CHANGE = "constant"  # the policy that changes nothing
 # The settings of an evaluation, with what `evaluate` takes where none is given.
 DEFAULTS: dict[str, Any] = {"setpoint": 70.0, "start": "default", "dynamics": "siemens"}
 DEFAULTS |= {"steps": 100, "discount": 0.97, "episodes": 100, "seed": 0}
@@ -225,7 +225,7 @@ class Against(NamedTuple):
         for (algorithm, trained_on, is_trained), returns in runs.items():
             label, _, without = algorithm.partition(" ")
             source = f"{trained_on} {without}".strip() if is_trained else KNOWN
-            if is_trained or algorithm not in {IN_FILES, *played}:
+            if is_trained or algorithm not in {NO_CHANGE, *played}:
                 yield LineReturns(label, source, is_trained, np.array(returns))
 
 

@@ -94,7 +94,8 @@ policies:
 episodes: 2                     # of each setpoint and policy
 steps: 1000                     # rows of an episode
 
-# default: velocity = gain = shift = 50; uniform: anywhere; {{burn_in: [15, 64]}}: random steps first
+# default: velocity = gain = shift = 50; uniform: each uniform in [0, 100]
+# {{burn_in: [15, 64]}}: default, then 15 to 64 random steps before the first row
 start: default
 seed: 0
 

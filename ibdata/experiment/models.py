@@ -85,7 +85,8 @@ class Experiment(FrozenModel):
     steps: StepCount = Field(default=1000, description="number of steps, and rows, per episode")
     start: Start = Field(
         default="default",
-        description="default: v = g = h = 50; uniform: anywhere; {burn_in: [fewest, most]} random steps",
+        description="default: v = g = h = 50; uniform: v, g and h uniform in [0, 100]; "
+        "{burn_in: [fewest, most]}: after so many random steps",
     )
     seed: Seed = Field(default=0, description="seed of all random numbers")
     output: Output = Field(default=Output(), description="how the dataset is stored")

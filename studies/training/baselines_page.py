@@ -18,7 +18,7 @@ from measuring.documents import DOCS, table, write_measured
 from training.protocol import LITERATURE
 from training.selection import rank_correlation
 
-REFERENCES = {"random": "`random`", "zero": "no change at any step"}
+REFERENCES = {"random": "`random`", "constant": "no change at any step"}
 REFERENCES |= {"optimized": "`optimized`", "expert": "`expert`"}
 FORMULAS = ("bad", "mediocre", "optimized")
 SUITES = ("siemens-offline", "d4rl-like", "neorl-like")

@@ -22,7 +22,7 @@ STD = np.array([28.72, 12.31, 29.91, 29.22, 31.17, 139.44])
 P, V, G, H, F = range(5)
 Past = Callable[[int, int], Floats]  # a standardised variable so many steps ago
 # Returns in hundreds, by the formula's complexity; how many episodes they are of is not said.
-PUBLISHED = {"random": -68.09, "no change": -60.78, "21": -52.78, "27": -52.68, "29": -52.32}
+PUBLISHED = {"random": -68.09, "constant": -60.78, "21": -52.78, "27": -52.68, "29": -52.32}
 
 
 class Formula:
@@ -57,7 +57,7 @@ def complexity_29(z: Past) -> tuple[Floats, Floats, Floats]:
 
 POLICIES: dict[str, Any] = {
     "random": "random",
-    "no change": {"kind": "constant"},
+    "constant": {"kind": "constant"},
     "21": "optimized",
     "27": Formula(complexity_27),
     "29": Formula(complexity_29),

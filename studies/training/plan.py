@@ -21,11 +21,11 @@ SOURCES, TARGETS = tuple(range(10, 100, 10)), tuple(range(55, 105, 5))
 WAYS = ("target", "source", "pooled", "fine-tuned")
 OF_TRANSFER = [MODEL_BASED, "bc", "iql"]
 BLIND_FEW = FEW[:2]
-ZERO: dict[str, Any] = {"kind": "constant", "name": "zero"}
 BEHAVIOURS = dict.fromkeys(["random", "transfer", "drifting", "random-paper", "setpoints/random"], "random")
 BEHAVIOURS |= {"safe": "safe", "setpoints/expert": "expert"}  # the kinds of policies that made the sets
-KNOWN: dict[str, Any] = {"random": {"kind": "random"}, "zero": ZERO}
-KNOWN |= {kind: {"kind": kind} for kind in ("safe", "mediocre", "optimized", "expert")}
+KNOWN: dict[str, Any] = {
+    kind: {"kind": kind} for kind in ("random", "constant", "safe", "mediocre", "optimized", "expert")
+}
 
 
 class Run(NamedTuple):

@@ -25,19 +25,19 @@ from training.plan import (
     episodes_each,
     part,
 )
-from training.protocol import ANYWHERE, AT_TEN, EVALUATIONS, LONG_AT_TEN, TEN
+from training.protocol import AFTER_BURN_IN, AT_TEN, EVALUATIONS, LONG_AT_TEN, TEN
 from training.results import Results, Settings, difference, means, number, over_seeds, shown, with_error
 
 PAGE = DOCS / "prototypes.md"
 MEASURED = DOCS / "prototypes.json"  # what the page says besides the runs
 LABELS = {"bc": "BC", "td3+bc": "TD3+BC", "iql": "IQL", "cql": "CQL", MODEL_BASED: MODEL_BASED}
 LABELS |= {f"{name}{BLIND}": f"{LABELS[name]}{BLIND}" for name in ("iql", MODEL_BASED)}
-LABELS |= {name: f"`{name}`" for name in KNOWN} | {"zero": "no change"}
+LABELS |= {name: f"`{name}`" for name in KNOWN} 
 LEARNED = [*FOUR, "cql", *(name for name in LABELS if name.endswith(BLIND))]
 # The evaluations of a policy at ten setpoints, and by what their returns are divided.
 COLUMNS: dict[str, tuple[Settings, float]] = {
-    "from the start settings": (AT_TEN, 100.0),
-    "from anywhere": (ANYWHERE, 100.0),
+    "from the default start": (AT_TEN, 100.0),
+    "after a random burn-in": (AFTER_BURN_IN, 100.0),
     "a step, over 1,000": (LONG_AT_TEN, 1000.0),
 }
 # Rewards of a step at setpoint 70 over 1,000 steps, as others report them.
@@ -51,7 +51,7 @@ PUBLISHED = [
 # What the tables show that are beside the page, in its data.
 ABOUT = {
     "random by setpoint": (
-        "Mean returns / 100 from the start settings, with ten random episodes at each of ten setpoints, "
+        "Mean returns / 100 from the default start, with ten random episodes at each of ten setpoints, "
         "over the seeds. The last row has the largest difference between two seeds at a setpoint."
     ),
     "formulas": (
@@ -64,7 +64,7 @@ ABOUT = {
     "safe above behaviour": (
         "The difference / 100 from the safe behaviour, paired by episodes, with the standard error over the "
         "episodes. `setpoints below` counts those of the ten at which the mean over the seeds is below it "
-        "from the start settings, by more than two errors; `worst` is the lowest difference."
+        "from the default start, by more than two errors; `worst` is the lowest difference."
     ),
     "transfer models": "Root mean square errors of models over 20 other episodes at setpoint 75.",
     "map": (
@@ -144,7 +144,7 @@ def above_behaviour(results: Results) -> str:
     rows = []
     for data, algorithm in runs:
         cells = []
-        for settings in (AT_TEN, ANYWHERE):
+        for settings in (AT_TEN, AFTER_BURN_IN):
             base = results.known("safe", BEHAVIOUR, settings)
             cells.append(shown(difference(results.returns("safe", data, algorithm, settings), base)))
         base = results.known("safe", BEHAVIOUR, AT_TEN)
@@ -153,7 +153,7 @@ def above_behaviour(results: Results) -> str:
         below = sum(gain.mean < -CLEARLY * (gain.standard_error or 0.0) for gain in gains)
         worst = min(range(len(TEN)), key=lambda i: gains[i].mean)
         rows.append([data, LABELS[algorithm], *cells, below, f"{shown(gains[worst])} at {TEN[worst]:g}"])
-    head = ["trained on", "policy", "from the start settings", "from anywhere", "setpoints below", "worst"]
+    head = ["trained on", "policy", "from the default start", "after a random burn-in", "setpoints below", "worst"]
     return table(head, rows)
 
 
@@ -240,7 +240,7 @@ def beside(lines: Iterable[Baseline], measured: dict[str, Any]) -> dict[str, dic
     """The tables that only few need, as lines of Markdown, each with what it shows."""
     results = Results(lines)
     tables = {
-        "random by setpoint": by_setpoint(results, "random", ("random", "zero", "optimized", "expert")),
+        "random by setpoint": by_setpoint(results, "random", ("random", "constant", "optimized", "expert")),
         "formulas": formulas.table_of(measured["formulas"]),
         "safe above behaviour": above_behaviour(results),
         "transfer models": model_table(results),

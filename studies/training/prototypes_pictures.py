@@ -12,14 +12,14 @@ from ibdata.plots.style import SERIES, image
 from measuring.documents import DOCS
 from training import setpoint_map
 from training.plan import FEW, FOUR, MODEL_BASED, SIZES, SOURCES, TARGET, TARGETS, WAYS, episodes_each, part
-from training.protocol import ANYWHERE, AT_TEN
+from training.protocol import AFTER_BURN_IN, AT_TEN
 from training.prototypes_page import LABELS
 from training.results import Results, means
 
 ERRORS = (2, 5, 10, 20, 50, 100)
 FOLDER = DOCS / "figures"
 KNOWN = {
-    "zero": ("no change", ":"),
+    "constant": ("no change", ":"),
     "safe": ("safe", "-."),
     "optimized": ("optimized", "--"),
     "expert": ("expert", "-"),
@@ -47,7 +47,7 @@ def draw_batches(figure: Figure, results: Results) -> None:
     """Draw the mean return of each seed against the batch size, for both starts and both sets."""
     figure.set_size_inches(7.0, 5.4)
     axes = figure.subplots(2, 2, sharex=True, sharey="row")
-    evaluations = {"from the start settings": AT_TEN, "from anywhere": ANYWHERE}
+    evaluations = {"from the default start": AT_TEN, "after a random burn-in": AFTER_BURN_IN}
     for column, name in enumerate(("random", "safe")):
         for row, (title, settings) in enumerate(evaluations.items()):
             axis = axes[row, column]

@@ -34,8 +34,6 @@ settings = pytest.mark.parametrize("settings", SETTINGS)
 
 
 def block(policy, dynamics="siemens"):
-    if policy == "zero":
-        return {"kind": "constant", "name": "zero"}
     return {"kind": policy, **({"dynamics": dynamics} if policy == "expert" else {})}
 
 

@@ -177,11 +177,13 @@ def test_where_safe_data_are_harder():
 
 def test_policies_at_the_target():
     [settings] = EVALUATIONS["transfer"]
-    zero, optimized = (RESULTS.known("transfer", x, settings).mean() / 100 for x in ("zero", "optimized"))
+    constant, optimized = (
+        RESULTS.known("transfer", x, settings).mean() / 100 for x in ("constant", "optimized")
+    )
     cells = {(run.trained_on, run.algorithm): at_75(run.trained_on, run.algorithm) for run in transfer(0)}
     assert max(map(max, cells.values())) < optimized
-    below = sum(max(seeds) < zero for seeds in cells.values())
-    over = sum(min(seeds) > zero for seeds in cells.values())
+    below = sum(max(seeds) < constant for seeds in cells.values())
+    over = sum(min(seeds) > constant for seeds in cells.values())
     assert f"In {below} of the {len(cells)} cells, all seeds are below" in TEXT
     assert f"; in {over}, all are above" in TEXT
     assert max(cells, key=lambda x: np.mean(cells[x])) == ("10 at 75", "model-based")
