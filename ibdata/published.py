@@ -1,7 +1,8 @@
 """`IDS` and `IBGym` of the authors' package `industrial-benchmark-python` 2.0, for scripts that import it.
 
 Names, arguments, attributes and numbers are that package's. Its draws, from NumPy's global generator and in
-its order, become the noise of `ibdata.dynamics.step`. docs/published.md says what is different.
+its order, become the noise of `ibdata.dynamics.step`. The page "Coming from the
+published package" says what is different.
 """
 
 from __future__ import annotations

@@ -118,7 +118,7 @@ def _observed(ctx: click.Context, param: click.Parameter, text: str) -> str | li
     type=YAML,
     metavar="YAML",
     help="Delay, noise, rounding and missing values of columns, such as '{delay: {obs_fatigue: 3}}'; "
-    "docs/views.md lists them.",
+    "the page 'Views and costs' lists them.",
 )
 @click.option("--id", metavar="ID", help="For minari: NAMESPACE/NAME-vN; default ibdata/<name>-v0.")
 @click.option("--overwrite", is_flag=True, help="Replace an export that is there.")
@@ -163,7 +163,7 @@ def config_command() -> None:
 @config_command.command("list")
 @prints_result
 def list_() -> Printable:
-    """List the experiments that come with ibdata, with their rows and a description.
+    """List the experiments that come with ibdata: rows and a description; with --json, content roots, too.
 
     A name that ends with / is that of a folder of experiments.
     """

@@ -80,8 +80,8 @@ class Dataset(SomeEpisodes):
             columns: The names of the columns to read; by default all.
             split: Only rows of this split, or of these.
             view: The options of a view, a mapping of some of observe, actions, reward, reward_scale,
-                imperfections and cost (docs/views.md). The columns are then episode, step, those of the
-                frame, the actions, the reward, the cost, the flags, and `next_…` of the frame.
+                imperfections and cost (the page "Views and costs"). The columns are then episode, step,
+                those of the frame, the actions, the reward, the cost, the flags, and `next_…` of the frame.
 
         Raises:
             UsageError: The dataset has no such column or split, or the selection is empty; or both columns

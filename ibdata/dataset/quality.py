@@ -81,8 +81,8 @@ def quality(ds: Place, split: str | Sequence[str] | None = None) -> Quality:
 
     Trajectory quality and state-action coverage are those of Schweighofer et al. 2022 (arXiv 2111.04714),
     return improvement and action stochasticity those of Swazinna, Udluft and Runkler 2021 (arXiv 2111.13461).
-    The entropy needs the recorded densities and no behaviour model. docs/quality.md has their definitions,
-    grid and reference data, and the values of the shipped sets.
+    The entropy needs the recorded densities and no behaviour model. The page "Quality of data and
+    models" has their definitions, grid and reference data, and the values of the shipped sets.
 
     Args:
         ds: The dataset, its folder or URL, or a selection of its episodes.
@@ -242,7 +242,7 @@ class Coverage:
     u is the number of different pairs (Schweighofer et al. 2022, arXiv 2111.04714). Values that are not
     discrete are never equal, so a pair is a cell of a grid. Fatigue and consumption are left out, because
     their noise alone would count. The reference is the same dataset with uniform random actions in place of
-    its own, from the same velocity, gain and shift; docs/quality.md says why.
+    its own, from the same velocity, gain and shift.
     """
 
     def __init__(self) -> None:

@@ -38,8 +38,8 @@ class IndustrialBenchmarkEnv(Fixed, gym.Env[Observation, npt.NDArray[np.float32]
         dynamics: "siemens", "paper", {"base": "paper", "eta_mean": 0.1}, or a `Variant`.
         start: "default" (velocity, gain, shift = 50), "uniform", or {"burn_in": [fewest, most]} random steps.
         history: the number of observations returned together, of a burn-in too; the first one is repeated.
-        view: what is seen and rewarded, as the options of a view (docs/views.md), such as
-            {"reward_scale": 0.01}. The classic reward is -consumption - 3 · fatigue of the new state.
+        view: what is seen and rewarded, as the options of a view (the page "Views and costs"),
+            such as {"reward_scale": 0.01}. The classic reward is -consumption - 3 · fatigue of the new state.
         discrete_actions: whether actions are whole numbers from 0 to 26, which name a change of -1, 0 or 1 of
             velocity, gain and shift: 0 is (-1, -1, -1), 1 is (-1, -1, 0), 26 is (1, 1, 1).
         render_mode: "rgb_array" or None.

@@ -63,7 +63,7 @@ def evaluate(
             `act(history, u)` or `predict(observations)`, a `torch.nn.Module`, or any other callable. Modules
             and callables are called as `predict` is: on float32 observations (n, 6 · history), newest first,
             for actions (n, 3). Modules get a tensor, in evaluation mode and without gradients. An object may
-            remember and draw as a custom policy may (docs/custom-policies.md).
+            remember and draw as a custom policy may (the page "Custom policies").
         setpoint: one or several numbers, by default 70; "drifting", or {"drifting": [50, 70]} for
             the values at the start.
         steps: steps per episode, by default 100.
@@ -75,13 +75,13 @@ def evaluate(
         history: the number of observations that an object sees, if it has no attribute `needs`:
             one number for all, or a mapping of labels to numbers; labels that it lacks get 1.
         allow_code: whether a custom policy that a file names may run.
-        against: a shipped experiment, such as "optimized-40" or "random": its baselines (docs/baselines.md,
-            docs/prototypes.md) are compared with the policies. The settings above are then those of the
-            set's first evaluation that agrees with the given ones.
+        against: a shipped experiment, such as "optimized-40" or "random": its baselines are compared with
+            the policies (the pages "Baselines" and "The paper's prototypes"). The settings above are then
+            those of the set's first evaluation that agrees with the given ones.
         progress: whether to show a bar on stderr; None shows it if stderr is a terminal.
-        view: what objects see, the reward, and a cost, as the options of a view (docs/views.md), without
-            `reward_scale`. Policies of other kinds always see the six observed variables; there are scores
-            only for the classic reward.
+        view: what objects see, the reward, and a cost, as the options of a view (the page
+            "Views and costs"), without `reward_scale`. Policies of other kinds always see the six observed
+            variables; there are scores only for the classic reward.
 
     Returns:
         Results per policy and setpoint, and the paired differences of the policies.

@@ -156,7 +156,7 @@ def baselines(published: bool = False) -> pd.DataFrame:
     Rows whose algorithm is "behaviour" are those of the policies that made a set, and rows whose `trained_on`
     is "nothing" those of other known policies. All policies of a set were evaluated in the same episodes:
     `ibdata.evaluate(policy, against=set)` plays them too, so that its returns and those here can be compared
-    episode by episode. docs/baselines.md and docs/prototypes.md describe the training.
+    episode by episode. The pages "Baselines" and "The paper's prototypes" describe the training.
 
     Args:
         published: give the literature's results on `siemens-offline` instead, beside those of this training.

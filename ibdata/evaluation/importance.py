@@ -135,7 +135,7 @@ def importance(
     Args:
         ds: the dataset, its folder or URL, or a selection of its episodes.
         target: the policy to be evaluated, as in `evaluate`; an object states its density by returning a
-            `Distribution` from `decide` (docs/custom-policies.md).
+            `Distribution` from `decide` (the page "Custom policies").
         discount: the discount factor γ, in [0, 1].
         steps: only so many first steps of each episode; by default all.
         split: only episodes of this split, or of these.

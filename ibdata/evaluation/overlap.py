@@ -182,5 +182,5 @@ def _refuse_unknown(label: str, log_density: Floats) -> None:
         raise UsageError(
             f"policy {label}: found no log density, expected a policy with one; yours has one if decide "
             "returns a distribution, such as Decision(ClippedNormal(mean, sd), memory); see "
-            "docs/custom-policies.md"
+            "the page 'Custom policies'"
         )

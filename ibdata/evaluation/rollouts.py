@@ -130,9 +130,9 @@ def rollouts(
             of the dataset's own episodes. With it, the actions of a row give the row that follows, as
             float32, and other actions the counterfactual. A planner that has the seed of what is played
             looks ahead: give it another one.
-        view: What is observed and rewarded, as the options of a view (docs/views.md), by default that of the
-            earlier rollouts. Imperfections have
-            their own seed; they know the rows before a row, and what earlier rollouts showed.
+        view: What is observed and rewarded, as the options of a view (the page "Views and costs"),
+            by default that of the earlier rollouts. Imperfections have their own seed; they know the rows
+            before a row, and what earlier rollouts showed.
 
     Returns:
         Rewards (n, k, samples, h), observations (n, k, samples, h, columns), and the last states.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from ibdata._numerics.naming import counted, yaml_name
+from ibdata._system.configs import canonical_file
 from ibdata._system.storage import local
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.errors import IbdataError, UsageError, suggestion
@@ -39,6 +41,7 @@ class Listed(NamedTuple):
     name: str
     rows: int
     description: str
+    content_root: str | None = None  # None for a folder
 
 
 class Catalogue(Tabular, list[Listed]):
@@ -49,13 +52,17 @@ class Catalogue(Tabular, list[Listed]):
         return {"configs": [entry._asdict() for entry in self]}
 
     def tables(self) -> list[Table]:
-        """A row for each entry."""
-        return [Table(("config", "rows", ""), self)]
+        """A row for each entry, without the content roots."""
+        return [Table(("config", "rows", ""), [entry[:3] for entry in self])]
 
 
 def catalogue() -> Catalogue:
     """The shipped experiments in order. A folder stands before its experiments."""
-    experiments = [Listed(name, load(path).rows, description(path)) for name, path in shipped().items()]
+    known = json.loads(canonical_file().read_text(encoding="utf-8"))
+    experiments = [
+        Listed(name, load(path).rows, description(path), known[name]["content_root"])
+        for name, path in shipped().items()
+    ]
     entries = Catalogue(entry for entry in experiments if "/" not in entry.name)
     for suite in suites():
         members = [entry for entry in experiments if entry.name.startswith(f"{suite}/")]

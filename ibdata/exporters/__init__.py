@@ -96,8 +96,8 @@ def export(
         id: For `minari`, NAMESPACE/NAME-vN; by default made from the dataset's name.
         overwrite: Whether to replace an export, a file or a folder, at `out`; nothing else is replaced.
         progress: Whether to show a bar on stderr; None shows it if stderr is a terminal.
-        view: What is seen and rewarded, as the options of a view (docs/views.md), such as
-            {"observe": "markov", "reward_scale": 0.01}.
+        view: What is seen and rewarded, as the options of a view (the page "Views and costs"),
+            such as {"observe": "markov", "reward_scale": 0.01}.
 
     Returns:
         The path and size of the export, and the Python code that loads it.

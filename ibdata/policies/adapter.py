@@ -38,7 +38,7 @@ class Answer(NamedTuple):
 class Adapter:
     """An object of a user as it is asked: by the first that it has of `decide`, `act`, `predict` and a call.
 
-    What it is given and answers is in docs/custom-policies.md. The arrays are copies, which it may change.
+    The page "Custom policies" says what it is given and returns. The arrays are copies, which it may change.
     Its last answer is kept if the next one depends on it, and numbers that are clipped are counted.
     """
 

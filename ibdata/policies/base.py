@@ -186,7 +186,7 @@ def other_density(policy: Any) -> str | None:
             return (
                 f"{name}: found {method}, expected decide to return Decision(distribution, memory), such as "
                 "Decision(ClippedNormal(mean, sd), memory), which has its density; see "
-                "docs/custom-policies.md"
+                "the page 'Custom policies'"
             )
     return None
 

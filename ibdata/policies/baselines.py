@@ -50,11 +50,12 @@ LOG_MASS_AWAY = float.fromhex("-0x1.57396f7dee539p+2")  # log P(z <= -1)
 class Safe(Policy):
     """Steers velocity and gain back towards [40, 60] when they are outside; the shift moves at random.
 
-        Δx =  z  if x < 40;   -z  if x > 60;   u  otherwise     for x = v and x = g
+        Δx =  n  if x < 40;   -n  if x > 60;   u  otherwise     for x = v and x = g
         Δh =  u
+        n ~ N(1/2, 1/3), clipped to [-1, 1];   u ~ U(-1, 1);   drawn anew for each
 
-    z ~ N(½, 1/3), clipped to [-1, 1], and u ~ U(-1, 1). Source: Depeweg et al. 2018 (arXiv 1710.07283),
-    appendix C.3.1, as restated by `angelolovatto/raylab`; we take 1/√3 as the standard deviation.
+    Source: Depeweg et al. 2018 (arXiv 1710.07283), appendix C.3.1, as restated by `angelolovatto/raylab`; we
+    take 1/√3 as the standard deviation.
     """
 
     needs: ClassVar[Needs] = Needs(history=1, draws=5)
@@ -66,7 +67,7 @@ class Safe(Policy):
 
 
 class Steered(Distribution):
-    """The distribution of `Safe`: z in velocity and gain where they are steered, else u.
+    """The distribution of `Safe`: n in velocity and gain where they are steered, else u.
 
     Each number of an action has its own choice of two draws; `OrUniform` replaces whole actions.
     """
@@ -93,7 +94,7 @@ class Steered(Distribution):
 
 @compiled
 def _region(x: float) -> float:
-    """The sign of z: 1 below [40, 60], -1 above it, 0 inside, where the action is uniform."""
+    """The sign of n: 1 below [40, 60], -1 above it, 0 inside, where the action is uniform."""
     return 1.0 if x < LOW else -1.0 if x > HIGH else 0.0
 
 
@@ -199,9 +200,9 @@ class Optimized(Deterministic):
         Δv = clip(-z_v(5) - 0.91, -1, 1)
         Δg = clip(2 z_f(3) - z_p + 1.43, -1, 1)
         Δh = clip(-3.48 z_h(3) - z_h(4) + 2 z_p + 0.81, -1, 1)
+        z_x(k) = (x of the observation k steps ago - its mean) / its standard deviation;   z_p = z_p(0)
 
-    z_x(k) is column x of the observation k steps ago, standardised by the means and standard deviations in
-    the source: `siemens-research/lion`, generate_data.py.
+    Means and standard deviations are those of the source: `siemens-research/lion`, generate_data.py.
     """
 
     needs: ClassVar[Needs] = Needs(history=6)

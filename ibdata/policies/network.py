@@ -25,8 +25,8 @@ TANH_EDGE = 1.0 - 2.0**-20
 class Network(Deterministic):
     """Takes the mean action of an actor network, such as one trained by SAC, TD3 or PPO.
 
-    docs/networks.md describes the file of weights, and `ibdata.save_network` writes it. Its SHA-256
-    identifies the policy; a dataset carries a copy of it.
+    The page "Learned policies" describes the file of weights, and `ibdata.save_network` writes it. Its
+    SHA-256 identifies the policy; a dataset carries a copy of it.
     """
 
     kind: Literal["network"] = "network"

@@ -42,11 +42,12 @@ class Gaussian(Wrapper):
 class OrnsteinUhlenbeck(Wrapper):
     """Adds an Ornstein-Uhlenbeck process to each number of the base's action, and clips the sum to [-1, 1].
 
-        x[t] = (1 - θ) x[t-1] + σ z,    z ~ N(0, 1),    x before the first step is 0
+        x[t] = (1 - theta) x[t-1] + sigma n[t],    n[t] ~ N(0, 1),    x before the first step is 0
 
     The process itself is not clipped; the density is conditional on it. Its standard deviation grows to
-    σ / √(1 - (1 - θ)²), by default 0.38. Sources: Uhlenbeck and Ornstein 1930, On the theory of the Brownian
-    motion; for exploration, with these defaults, Lillicrap et al. 2016 (arXiv 1509.02971), section 7.
+    sigma / √(1 - (1 - theta)²), by default 0.38. Sources: Uhlenbeck and Ornstein 1930, On the theory of
+    the Brownian motion; for exploration, with these defaults, Lillicrap et al. 2016 (arXiv 1509.02971),
+    section 7.
     """
 
     own_needs: ClassVar[Needs] = Needs(history=0, draws=3, memory=3)  # the memory is x

@@ -1,6 +1,6 @@
 """The weights of an actor network in a safetensors file, and its forward pass with the same bits everywhere.
 
-docs/networks.md describes the layout. Each sum of the forward pass is taken in the order
+The page "Learned policies" describes the layout. Each sum of the forward pass is taken in the order
 ((b + x₀ w₀) + x₁ w₁) + …, in float32, so a result depends neither on the number of lanes (the episodes side
 by side) nor on the processor. Loops run over lanes, never over a sum, and are vectorized.
 """

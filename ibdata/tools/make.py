@@ -53,7 +53,7 @@ def make(
     Args:
         name: A shipped experiment; NAME@566e… refuses a dataset whose content root begins otherwise.
         history: How many observations are stacked, newest first, in the environment and in the arrays.
-        view: What is seen and rewarded, as the options of a view (docs/views.md).
+        view: What is seen and rewarded, as the options of a view (the page "Views and costs").
         seed: The seed of the dataset, by default that of the experiment, whose content root is known.
         setpoint: The setpoint of the environment alone, for a set with several. A line on stderr says at
             which setpoints the rows are.

@@ -99,5 +99,7 @@ def test_every_shipped_experiment_is_listed():
     found = {each.name: each for each in catalogue()}
     assert set(found) == {*shipped(), *(f"{suite}/" for suite in suites())}
     assert found["random"].rows == 10_000
+    assert found["random"].content_root.startswith("566ea3f2793d")
+    assert found["siemens-offline/"].content_root is None
     assert found["siemens-offline/"].rows == 16 * load("siemens-offline/bad-0").rows
     assert found["siemens-offline/"].description == "A folder of 16 experiments."

@@ -30,7 +30,7 @@ CANONICAL, QUALITY, MODELS, VIEWS = map(stored, ("canonical", "quality", "world-
 
 @pytest.mark.parametrize(
     ("study", "name"),
-    [("canonical", "reproducibility"), ("quality", "quality"), ("world-models", "quality")],
+    [("canonical", "sets"), ("quality", "quality"), ("world-models", "quality")],
 )
 def test_a_table_is_that_of_the_stored_results(study, name):
     assert measured(page(name), f"measured, {study}").strip() == script(study).table_of(stored(study))

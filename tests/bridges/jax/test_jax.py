@@ -128,4 +128,4 @@ def test_the_draws_of_a_step_are_not_correlated(ib):
 
 def test_the_page_prints_what_it_says(tmp_path):
     shutil.copy(FILE, tmp_path)
-    check_guide((ROOT / "docs/jax.md").read_text(encoding="utf-8"), tmp_path)
+    check_guide((ROOT / "studies/jax/README.md").read_text(encoding="utf-8"), tmp_path)
