@@ -37,11 +37,11 @@ print(json.dumps([*took, int(peak) / 1024]))
 
 
 class Row(NamedTuple):
-    """A line of a table of docs/performance.md."""
+    """A line of a table; docs/performance.md leaves out the goals."""
 
     what: str
     measured: str
-    target: str = ""
+    goal: str = ""
     remark: str = ""
 
 

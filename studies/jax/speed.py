@@ -1,4 +1,4 @@
-"""Print the speeds that studies/jax/README.md tells, in processor time of one processor. Needs the bridge jax.
+"""Print the speeds that README.md tells, in processor time of one processor. Needs the bridge jax.
 
 studies/jax/speed.py [64]     64: float64, else float32
 """

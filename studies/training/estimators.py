@@ -1,4 +1,4 @@
-"""Target policies of docs/quality.md and estimators of their values.
+"""Target policies of studies/selection.md and estimators of their values.
 
 A target is a network with noise, which gives it densities; the networks are checkpoints of the baselines'
 training. Their values are estimated by importance sampling, fitted Q evaluation and a learned model.

@@ -153,7 +153,8 @@ def above_behaviour(results: Results) -> str:
         below = sum(gain.mean < -CLEARLY * (gain.standard_error or 0.0) for gain in gains)
         worst = min(range(len(TEN)), key=lambda i: gains[i].mean)
         rows.append([data, LABELS[algorithm], *cells, below, f"{shown(gains[worst])} at {TEN[worst]:g}"])
-    head = ["trained on", "policy", "from the default start", "after a random burn-in", "setpoints below", "worst"]
+    starts = list(COLUMNS)[:2]
+    head = ["trained on", "policy", *starts, "setpoints below", "worst"]
     return table(head, rows)
 
 

@@ -14,8 +14,9 @@ import numpy.typing as npt
 import pandas as pd
 
 from ibdata.dataset.models import JsonObject, Sha256
-from measuring.documents import DOCS, table, write_measured
+from measuring.documents import table, write_measured
 
+HERE = Path(__file__).resolve().parents[1]  # studies/
 SETS = (
     "siemens-offline/bad-60",
     "siemens-offline/optimized-60",
@@ -243,6 +244,6 @@ def block(lines: Sequence[Line]) -> str:
 
 def write_page(lines: Sequence[Line]) -> None:
     """Write the tables: those with intervals beside the page."""
-    write_measured(DOCS / "quality.md", f"\n{shown(lines)}\n", "measured, selection")
+    write_measured(HERE / "selection.md", f"\n{shown(lines)}\n", "measured, selection")
     beside = json.dumps(block(lines).splitlines(), indent=1, ensure_ascii=False)
-    (DOCS / "policy-selection.json").write_text(beside + "\n", encoding="utf-8")
+    (HERE / "policy-selection.json").write_text(beside + "\n", encoding="utf-8")

@@ -21,7 +21,7 @@ from ibdata.policies import POLICIES
 DOCS = ROOT / "docs"
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in DOCS.glob("*.md")}
 USE_WITH = PAGES["use-with.md"]
-LINKED = [*DOCS.glob("*.md"), *ROOT.glob("*.md"), ROOT / "studies/README.md"]
+LINKED = [*DOCS.glob("*.md"), *ROOT.glob("*.md"), *ROOT.glob("studies/**/*.md")]
 SECTIONS = {
     name: pages for part in YAML(typ="safe").load(ROOT / "mkdocs.yml")["nav"] for name, pages in part.items()
 }
@@ -32,7 +32,7 @@ EXTRAS = re.findall(
 )
 
 
-@pytest.mark.parametrize("page", LINKED, ids=lambda path: path.name)
+@pytest.mark.parametrize("page", LINKED, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_pictures_and_paths_lead_somewhere(page):
     """Among the paths in backticks, a bare `test_x.py` is a file beside the one named before it."""
     text = page.read_text(encoding="utf-8")

@@ -14,9 +14,9 @@ from measuring.documents import measured as tables_of
 from training import selection
 from training.selection import ESTIMATORS, Line, plan
 
-FILE = ROOT / "docs" / "policy-selection.jsonl"
+FILE = ROOT / "studies" / "policy-selection.jsonl"
 LINES = [Line.model_validate_json(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
-PAGE = (ROOT / "docs/quality.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "studies/selection.md").read_text(encoding="utf-8")
 TABLES = tables_of(PAGE, "measured, selection")
 FOUR = np.array([-5.0, -1.0, -2.0, -4.0])
 
@@ -54,7 +54,7 @@ def test_the_page_holds_the_shipped_results():
 
 
 def test_every_number_of_the_reading_stands_in_the_tables():
-    reading = PAGE.partition("### Reading\n")[2].partition("\n### ")[0]
+    reading = PAGE.partition("## Reading\n")[2].partition("\n## ")[0]
     numbers = re.findall(r"−?\d+\.\d+", reading)
     assert numbers
     assert [number for number in numbers if f" {number}" not in TABLES] == []
