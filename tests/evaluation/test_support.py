@@ -81,7 +81,7 @@ def test_the_page_says_which_pairs_have_support():
                 for cell, target in zip(cells, names, strict=True)
             ]
         shown.append(f"| {name} | " + " | ".join(cells) + " |")
-    page = (ROOT / "docs/evaluation.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/off-policy.md").read_text(encoding="utf-8")
     assert "\n".join(shown) in page
 
 
