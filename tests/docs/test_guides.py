@@ -15,6 +15,7 @@ PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted((ROOT / 
 BRIDGES = [*(ROOT / "tests/bridges").rglob("*.py"), ROOT / "tests/helpers/pages.py"]
 BRIDGED = "".join(path.read_text(encoding="utf-8") for path in BRIDGES)
 GUIDES = {name: text for name, text in PAGES.items() if name not in BRIDGED and blocks(text, "(?:python|sh)")}
+GUIDES["mppi.md"] = (ROOT / "studies/mppi.md").read_text(encoding="utf-8")
 # The parts of other pages that need no more than the core.
 GUIDES["custom-policies.md"] = PAGES["custom-policies.md"].partition("## A recurrent policy of SB3")[0]
 GUIDES["scale.md"] = re.search(r"^## Several hosts.*?(?=^## Ray)", PAGES["scale.md"], re.M | re.S)[0]
