@@ -74,7 +74,7 @@ def test_the_picture_has_the_scores_of_all_seeds():
 
 def test_every_number_of_the_reading_is_a_result():
     """It is a mean over seeds, a single seed, or a reference."""
-    reading = PAGE.partition("## Reading\n")[2].partition("The expert is\n")[0]
+    reading = PAGE.partition("## Reading\n")[2].partition("With gains raised")[0]
     numbers = re.findall(r"−[\d.]+\d", reading)
     assert numbers
     runs = ibdata.baselines()
@@ -83,23 +83,15 @@ def test_every_number_of_the_reading_is_a_result():
     assert set(numbers) <= {f"{value / 100:.1f}".replace("-", "−") for value in values}
 
 
-@pytest.mark.parametrize(
-    ("setpoint", "velocity", "gain", "said"),
-    [
-        pytest.param(70, None, 10, "gains higher by 10 get −56.5", marks=pytest.mark.slow),
-        (53, 29, 20, "gains higher by 20 get −46.9"),
-        (53, None, 0, "the expert −49.2"),
-    ],
-)
-def test_the_expert_is_no_bound_over_100_steps(setpoint, velocity, gain, said, monkeypatch):
+@pytest.mark.slow
+def test_the_expert_is_no_bound_over_100_steps(monkeypatch):
     table, feedback = expert.numbers("siemens")
     table = table.copy()
-    table[:, expert.AIM] = velocity or table[:, expert.AIM]
-    table[:, expert.GAINS :] = np.clip(table[:, expert.GAINS :] + gain, 0, 100)
+    table[:, expert.GAINS :] = np.clip(table[:, expert.GAINS :] + 10, 0, 100)
     monkeypatch.setattr(expert, "numbers", lambda dynamics: (table, feedback))
-    [found] = ibdata.evaluate("expert", setpoint=setpoint, episodes=1000).results
-    assert said in re.sub(r"\s+", " ", PAGE)
-    assert f"{found.mean_return / 100:.1f}".replace("-", "−") == said.split()[-1]
+    [found] = ibdata.evaluate("expert", setpoint=70, episodes=1000).results
+    assert "With gains raised by 10 it gets −56.5 over 100 steps." in " ".join(PAGE.split())
+    assert f"{found.mean_return / 100:.1f}" == "-56.5"
 
 
 def test_shipped_lines_are_those_of_the_plan_in_its_order(baselines):

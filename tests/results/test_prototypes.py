@@ -183,7 +183,7 @@ def test_policies_at_the_target():
     assert max(map(max, cells.values())) < optimized
     below = sum(max(seeds) < constant for seeds in cells.values())
     over = sum(min(seeds) > constant for seeds in cells.values())
-    assert f"In {below} of the {len(cells)} cells, all seeds are below" in TEXT
+    assert f"In {below} of the {len(cells)} entries, all seeds are below" in TEXT
     assert f"; in {over}, all are above" in TEXT
     assert max(cells, key=lambda x: np.mean(cells[x])) == ("10 at 75", "model-based")
     best = sorted(cells, key=lambda x: max(cells[x]))[-2:]
