@@ -33,7 +33,7 @@ MEANING = {
     "trajectory_quality": "mean return: 0 = random, 1 = expert",
     "return_improvement": "(best return - mean return) / (mean return - lowest return)",
     "state_action_coverage": "different pairs of state and action: 1 = as many as random actions",
-    "action_stochasticity": "standard deviation of the actions in a cell of the state grid",
+    "action_stochasticity": "standard deviation of the actions in a square of the state grid",
     "action_entropy": "from the recorded densities: 0 = deterministic, 2.08 = random; no bounds",
 }
 
