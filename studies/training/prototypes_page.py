@@ -32,7 +32,7 @@ PAGE = DOCS / "prototypes.md"
 MEASURED = DOCS / "prototypes.json"  # what the page says besides the runs
 LABELS = {"bc": "BC", "td3+bc": "TD3+BC", "iql": "IQL", "cql": "CQL", MODEL_BASED: MODEL_BASED}
 LABELS |= {f"{name}{BLIND}": f"{LABELS[name]}{BLIND}" for name in ("iql", MODEL_BASED)}
-LABELS |= {name: f"`{name}`" for name in KNOWN} 
+LABELS |= {name: f"`{name}`" for name in KNOWN}
 LEARNED = [*FOUR, "cql", *(name for name in LABELS if name.endswith(BLIND))]
 # The evaluations of a policy at ten setpoints, and by what their returns are divided.
 COLUMNS: dict[str, tuple[Settings, float]] = {
