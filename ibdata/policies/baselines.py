@@ -142,7 +142,7 @@ Component = Annotated[float, Field(ge=-1.0, le=1.0, strict=True), AfterValidator
 
 
 class Constant(Deterministic):
-    """Takes the same action (Δv, Δg, Δh) at every step, by default zero."""
+    """Takes the same action (Δv, Δg, Δh) at every step, by default (0, 0, 0), which changes nothing."""
 
     needs: ClassVar[Needs] = Needs(history=0)
 
