@@ -12,7 +12,7 @@ import pandas as pd
 import ibdata
 from ibdata._numerics.confidence import mean_estimate
 from ibdata.dataset.reference_returns import scale
-from ibdata.evaluation.algorithms import Group, estimated
+from ibdata.evaluation.algorithms import LineReturns, estimated
 from ibdata.evaluation.baselines import BEHAVIOUR, WHOLE, Baseline, Evaluated
 from measuring.documents import DOCS, table, write_measured
 from training.protocol import LITERATURE
@@ -85,7 +85,7 @@ def clearly_best(of_row: Mapping[str, Sequence[Baseline]]) -> str | None:
     for algorithm, lines in of_row.items():
         returns = [values for line in lines for values in [evaluation(line).values] if values is not None]
         if algorithm == BEHAVIOUR or len(returns) > 1:
-            groups.append(Group(algorithm, WHOLE, algorithm != BEHAVIOUR, np.array(returns)))
+            groups.append(LineReturns(algorithm, WHOLE, algorithm != BEHAVIOUR, np.array(returns)))
     best, *others = sorted(groups, key=lambda group: -group.returns.mean())
     intervals = [estimated(best, other).interval for other in others]
     is_clear = all(interval is not None and interval[0] > 0.0 for interval in intervals)
