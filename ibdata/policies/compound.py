@@ -71,8 +71,7 @@ def is_foreign(value: Any) -> bool:
 def block_of(value: Any) -> Any:
     """The block of the name of a kind or a network, or of an object of Python's; anything else as it is."""
     if isinstance(value, str):
-        is_network = value not in POLICIES and value in shipped_names()
-        return {"kind": "network", "file": value} if is_network else {"kind": value}
+        return {"kind": "network", "file": value} if value in shipped_names() else {"kind": value}
     if isinstance(value, type):
         raise ValueError(f"found the class {value.__name__}, expected an object: {value.__name__}(…)")
     if can_act(value) and is_foreign(value):
