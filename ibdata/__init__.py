@@ -1,6 +1,6 @@
 """Offline reinforcement-learning datasets of the Industrial Benchmark (Hein et al. 2017).
 
-A room without an underscore is a noun of docs/index.md; one with an underscore is how it is done.
+A room without an underscore is what people speak of; one with an underscore is how it is done.
 
 - dynamics: the equations, a file for each part of the paper
 - views: the variables, and what of them is seen and rewarded
