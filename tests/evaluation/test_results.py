@@ -62,7 +62,9 @@ def test_random_scores_0_and_the_top_100_without_error(settings):
     assert safe.score_error > 0.1
     assert found.scale == "0 = random, 100 = optimized, simulated in the same episodes"
     assert "simulated in the same episodes: 100 steps, discount 0.97" in str(found)
-    assert found.notes == []
+    replaced = "this expert is made for paper as published, but here eta_mean = 0.1"
+    said = [] if "dynamics" not in settings else [f"expert: {replaced}", f"expert_score: {replaced}"]
+    assert found.notes == said
     [alone] = evaluate("safe", episodes=30, **settings).results
     assert alone == safe
 
