@@ -12,7 +12,7 @@ import os
 import re
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import copy
 from functools import partial
 from io import BytesIO
@@ -251,8 +251,8 @@ class Remote(Storage):
             return action(target)
 
     def remove(self, path: str = "") -> None:
-        """Remove a file; without one, all files."""
-        with plain_errors():
+        """Remove a file; without one, all files. What is not there, another host may have removed."""
+        with plain_errors(), suppress(FileNotFoundError):
             if path:
                 self._files.delete_file(f"{self._base}/{path}")
             else:

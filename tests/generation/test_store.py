@@ -184,8 +184,8 @@ def test_a_store_that_shows_an_object_late_gives_no_wrong_row(url, is_whole, mon
     assert is_whole()
 
 
-def test_ranges_of_several_hosts_make_one_dataset(url, tiny, is_whole):
-    """At the same time, some of them twice; then one completes it, or two at once."""
+def test_ranges_of_several_hosts_make_one_dataset(url, tiny, is_whole, capsys):
+    """At the same time, some twice; then one completes it, or two at once. Nothing is left to remove."""
     with ThreadPoolExecutor(3) as hosts:
         ranges = ("1/2", "2/2", "1/1")
         made = list(hosts.map(lambda each: ibdata.generate(TINY, url, workers=1, shards=each), ranges))
@@ -198,6 +198,7 @@ def test_ranges_of_several_hosts_make_one_dataset(url, tiny, is_whole):
         roots = {dataset.content_root for dataset in hosts.map(ibdata.finalize, [url, url])}
     assert roots == {tiny[0].content_root}
     assert is_whole()
+    assert "remove" not in capsys.readouterr().err
 
 
 def test_another_experiment_is_refused_as_in_a_folder(url, capsys):
