@@ -48,7 +48,7 @@ OPEN_VALUES = ("region", "scheme", "endpoint_override")
 def public_url(text: str) -> str:
     """Return a text without the credentials of the URLs in it.
 
-    >>> hidden("s3://KEY:SECRET@bucket/name?region=eu&session_token=abc: missing")
+    >>> public_url("s3://KEY:SECRET@bucket/name?region=eu&session_token=abc: missing")
     's3://…@bucket/name?region=eu&session_token=…: missing'
     """
     return URL.sub(_public_url, text)

@@ -33,7 +33,7 @@ def mean_estimate(groups: Sequence[npt.NDArray[np.float64]]) -> MeanEstimate:
     Returns:
         The mean, its standard error and its 95 % interval.
 
-    >>> mean, error, interval = estimate([np.array([1.0, 2.0, 3.0])])
+    >>> mean, error, interval = mean_estimate([np.array([1.0, 2.0, 3.0])])
     >>> mean, round(error, 6), [round(x, 4) for x in interval]
     (2.0, 0.57735, [-0.4841, 4.4841])
     """

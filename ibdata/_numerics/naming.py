@@ -68,7 +68,7 @@ def counted(number: int, noun: str) -> str:
 def rows_in_episodes(rows: int, episodes: int) -> str:
     """Rows and episodes.
 
-    >>> within(10_000, 1)
+    >>> rows_in_episodes(10_000, 1)
     '10,000 rows in 1 episode'
     """
     return f"{counted(rows, 'row')} in {counted(episodes, 'episode')}"

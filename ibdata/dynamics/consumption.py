@@ -33,6 +33,7 @@ def remember(theta: Floats, history: Floats) -> None:
     Before the first step the history is all zeros, which no θ can be. The first θ then fills it, as in the
     constructor of the authors' `IDS`; the paper does not specify this.
 
+    >>> import numpy as np
     >>> history = np.zeros((10, 1))
     >>> remember(np.array([2.0]), history); remember(np.array([3.0]), history); history[:3, 0].tolist()
     [3.0, 2.0, 2.0]
@@ -52,6 +53,7 @@ def convolved_cost(theta: Floats, i: int, w: Weights) -> float:
 
     Hein et al. 2017, Eq. (7); the weights (1, 2, 3, 2, 1)/9 are a field of the variant.
 
+    >>> import numpy as np
     >>> convolved_cost(np.arange(10.0).reshape(10, 1), 0, (0.0, 0.0, 0.0, 0.25, 0.5))
     6.5
     """
