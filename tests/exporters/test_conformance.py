@@ -55,10 +55,17 @@ def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history
     assert found["imperfections"].get("delay") == view.get("imperfections", {}).get("delay")
 
 
+def costs_in_minari(path):
+    from minari import MinariDataset
+
+    return np.concatenate([one.infos["cost"][:-1, 0] for one in MinariDataset(Path(path) / "data")])
+
+
 COSTS = {  # where a format has them
     "csv": lambda path: pd.read_csv(path)["cost"],
     "d4rl": lambda path: hdf5(path)["costs"],
     "lerobot": lambda path: pq.read_table(f"{path}/data")["next.cost"],
+    "minari": costs_in_minari,
     "npz": lambda path: np.load(path)["costs"],
 }
 
