@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import IO, Any, BinaryIO, NamedTuple
 
 BLOCK = 2**20
-SEAL_BYTES = 32  # of the SHA-256 at the end of a sealed file
-MOST_SEALED = 2**32  # bytes
+HASH_BYTES = 32  # of the SHA-256 at the end of a file with a hash
+MOST_HASHED = 2**32  # bytes
 WAITING = 8  # files for which `sync_all` waits at a time
 READ = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 TRIES = 20 if sys.platform == "win32" else 1  # of a rename
@@ -184,18 +184,18 @@ def plain_bytes(path: Path, most: float = math.inf) -> bytes:
 
 
 def with_hash(data: bytes) -> bytes:
-    """Data with their hash behind them, for a file that `read_sealed` reads."""
+    """Data with their hash behind them, for a file that `read_hashed` reads."""
     return data + hashlib.sha256(data).digest()
 
 
 def read_hashed(path: Path) -> bytes:
-    """Read the data of a sealed file. Raises ValueError if they are not what was written."""
-    return without_hash(plain_bytes(path, MOST_SEALED))
+    """Read the data of a file with a hash. Raises ValueError if they are not what was written."""
+    return without_hash(plain_bytes(path, MOST_HASHED))
 
 
 def without_hash(content: bytes) -> bytes:
-    """The data of what was read of a sealed file. Raises ValueError if they are not what was written."""
-    data = content[:-SEAL_BYTES]
+    """The data of what was read of a file with a hash. Raises ValueError if they are not what was written."""
+    data = content[:-HASH_BYTES]
     if with_hash(data) != content:
         raise ValueError("not what was written")
     return data

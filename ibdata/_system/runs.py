@@ -48,11 +48,11 @@ class FolderRun:
         self.path, self.name, self.files = path, str(path), Storage(path)
 
     def read(self, path: str) -> bytes:
-        """The data of a sealed file. Raises ValueError if they are not what was written."""
+        """The data of a file with a hash. Raises ValueError if they are not what was written."""
         return read_hashed(self.path / path)
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a sealed file, perhaps in place of another."""
+        """Write a file with its hash, perhaps in place of another."""
         # beside the folders that are listed; hosts may have equal process ids
         temporary = self.path / f".tmp-{secrets.token_hex(6)}"
         write_new(self.path, temporary.name, with_hash(data))

@@ -35,19 +35,6 @@ def beside():
     return evaluate({"mine": [f"random-bc-{seed}" for seed in range(3)]}, against="random")
 
 
-@pytest.fixture
-def run(capsys):
-    from ibdata.cli import main
-
-    def call(*words):
-        with pytest.raises(SystemExit) as ended:
-            main(list(words))
-        out, err = capsys.readouterr()
-        return ended.value.code or 0, out, err
-
-    return call
-
-
 def command(run, *words):
     return run("evaluate", *words, "--episodes", "3", "--steps", "4", "-q", "--json")
 

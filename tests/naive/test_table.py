@@ -52,19 +52,6 @@ def command(run, *words):
     return run("evaluate", *words, "--episodes", "3", "--steps", "4", "-q")
 
 
-@pytest.fixture
-def run(monkeypatch, capsys):
-    from ibdata.cli import main
-
-    def call(*words):
-        with pytest.raises(SystemExit) as ended:
-            main(list(words))
-        out, err = capsys.readouterr()
-        return ended.value.code or 0, out, err
-
-    return call
-
-
 def test_three_seeds_by_a_glob(runs, run):
     """Somebody names the files of three seeds by a glob, which no shell expands. They are one line."""
     code, out, _ = command(run, "iql=runs/iql-*.safetensors", "bc=runs/bc-0.safetensors", "--json")
