@@ -59,7 +59,7 @@ class Feedback(NamedTuple):
 
 
 class Expert(Deterministic):
-    """Velocity and gain by a table and feedback on fatigue, and the optimal shift, which oscillates.
+    """Takes velocity and gain from a table, corrects them by the fatigue, and moves the shift optimally.
 
     The optimal effective shift is hᵉ = sin(πφ/12), by figure 3a of Hein et al. 2017. The policy cannot see
     the direction φ, but computes it from the shifts that it sees, by Eqs. (9) to (16); after a burn-in it
