@@ -161,7 +161,7 @@ def as_html(tables: Sequence[Table]) -> str:
             lines = [
                 "".join(f"<{tag}{style}>{escape(x)}</{tag}>" for x, style in zip(cells, styles, strict=True))
                 if _is_row(cells)
-                else f'<th colspan="{len(styles)}">{escape(str(cells))}</th>'
+                else f'<th colspan="{len(styles)}" style="text-align: left">{escape(str(cells))}</th>'
                 for tag, cells in [("th", table.names), *(("td", row) for row in cells_of(table))]
             ]
             parts.append("\n".join(["<table>", *(f"<tr>{line}</tr>" for line in lines), "</table>"]))
