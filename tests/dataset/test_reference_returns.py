@@ -164,3 +164,10 @@ def test_moving_setpoints_and_constant_ones_are_told_apart():
     assert moving.text == still.text.replace("same setpoint", "same first value of the moving setpoint")
     assert moving.score(75.0, -7000.0) is None
     assert moving.score(70.0, -7000.0) != still.score(70.0, -7000.0)
+
+
+def test_a_scale_without_one_of_the_ends_has_no_score():
+    known = scale(**SETTINGS[0])
+    assert known.ends([10.0, 70.0]) is not None
+    assert known.ends([10.0, 70.0], "mediocre") is None  # of which there are no returns
+    assert known.ends([10.0, 33.0]) is None

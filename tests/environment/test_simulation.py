@@ -133,6 +133,7 @@ def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
         UsageError, match="found a state of a constant setpoint; make the environment with setpoint=a"
     ):
         moving.set_state(initial_state([70.0]), moving.everyone, random_tape(1))
+    moving.set_state(initial_state([70.0], drifting=True), moving.everyone, random_tape(1))  # 0 steps left
 
 
 def test_a_lane_takes_the_integers_of_its_generator_in_order_however_the_others_take_theirs():
