@@ -26,7 +26,8 @@ from ibdata.evaluation.overlap import (
 from ibdata.evaluation.play import checked_discount
 from ibdata.evaluation.policies import as_policy, loaded
 from ibdata.evaluation.states import Replayable
-from ibdata.plan.consent import consented_spec, refuse_changed
+from ibdata.plan.code_record import refuse_changed
+from ibdata.plan.consent import consented_spec
 from ibdata.policies.user_object import UserObject
 
 LEAST_EFFECTIVE = 100.0  # episodes, below which the weighted estimate has a warning

@@ -9,29 +9,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any
 
 from ibdata._system.part import refusing_system_errors
 from ibdata._system.runs import Run
-from ibdata._system.storage import Storage, url_of
+from ibdata._system.storage import Storage
 from ibdata.dataset import manifest
 from ibdata.dataset.models import Manifest
 from ibdata.errors import OUT, OVERWRITE, SHARDS, DatasetError, IbdataError, Interrupted, UsageError, notice
 from ibdata.generation.finish import finish
-from ibdata.generation.folder import Folder
+from ibdata.generation.place import place_at, refuse_damage
 from ibdata.generation.record import OTHER_BITS, UNREADABLE, Record
 from ibdata.generation.shard import all_written, finished_shards
-from ibdata.generation.store import Store
-from ibdata.plan.consent import changed_here, names_of
+from ibdata.plan.code_record import changed_here, names_of
 from ibdata.plan.dataset_spec import DatasetSpec, Shard
-
-BuildPlace = Folder | Store
-
-
-def place_at(place: Any) -> BuildPlace:
-    """The place that a path or a URL names."""
-    url = url_of(place)
-    return Folder(place) if url is None else Store(url)
 
 
 class Build:
@@ -89,41 +79,42 @@ class Build:
         except DatasetError as error:
             raise DatasetError(f"{where.name}: {error}, or remove {run}") from None
 
-    def look(self) -> bool:
-        """Put in order what a killed process has left, then say what `is_there` says."""
-        self._place.tidy()  # first, for what was to be replaced may lie in the part
-        return self.is_there()
+    def look(self, tidy: bool = False) -> bool:
+        """Say whether the dataset is there, so that nothing is to be made; refuse what is in its way.
 
-    def is_there(self) -> bool:
-        """Whether the dataset is there, so that nothing is to be made. Nothing is written.
+        Nothing is written; but with `tidy`, what a killed process has left is put in order first.
 
         Raises:
             UsageError: No dataset can appear here, or there is something else, finished or not.
             DatasetError: The dataset is damaged.
         """
+        if tidy:
+            self._place.tidy()  # what was to be replaced may lie in the part
         with refusing_system_errors(self.name):
             self._place.refuse(self._overwrite)
             other_run = None if self._overwrite or self._has_begun else self._other_run()
-            found = self._place.found()
-            if found is None:
-                if other_run:
-                    raise self._refused_run(*other_run)
-                return False
-            if self._new:
-                raise UsageError(f"{self.name}: exists already; choose another {OUT}")
-            listed = self._listed(found)
-            if self._overwrite:
-                self._place.refuse_replacing(listed)
-                return False
-            if other := other_dataset(listed, self.spec):
-                way = f"remove {self._place.shown(found)} to drop"
-                if self._replaces:
-                    way = f"{self._replaces} to replace"
-                if other_run:
-                    raise self._refused(f"{other}, and {_in_words(*other_run)}", f"{way} both")
-                raise self._refused(other, f"{way} it")
-            refuse_damage(listed, self._place)
-            return True
+            if found := self._place.found():
+                self._refuse_unlike(found, other_run)
+            elif other_run:
+                raise self._refused_run(*other_run)
+            return found is not None and not self._overwrite
+
+    def _refuse_unlike(self, found: Storage, other_run: tuple[Run, str] | None) -> None:
+        """Raise an error unless what was found is the dataset, and whole, or may be replaced."""
+        if self._new:
+            raise UsageError(f"{self.name}: exists already; choose another {OUT}")
+        listed = self._listed(found)
+        if self._overwrite:
+            self._place.refuse_replacing(listed)
+            return
+        if other := other_dataset(listed, self.spec):
+            way = f"remove {self._place.shown(found)} to drop"
+            if self._replaces:
+                way = f"{self._replaces} to replace"
+            if other_run:
+                raise self._refused(f"{other}, and {_in_words(*other_run)}", f"{way} both")
+            raise self._refused(other, f"{way} it")
+        refuse_damage(listed, self._place)
 
     def _listed(self, found: Storage) -> Manifest:
         try:
@@ -171,12 +162,12 @@ class Build:
     def open(self, record: Record, shared: bool = False) -> Iterator[None]:
         """Hold the part, perhaps with other hosts; begin the run of a record in it, or go on with it.
 
-        Raises what `is_there` raises, and BusyError if another process holds the part.
+        Raises what `look` raises, and BusyError if another process holds the part.
         """
         self._record = record
         with self._place.hold(shared):
             try:
-                self._is_made = self.is_there()
+                self._is_made = self.look()
                 if not self._is_made:
                     self._begin()
                     self._has_begun = True
@@ -220,7 +211,7 @@ class Build:
 
     def is_published(self) -> bool:
         """Whether another host has published the dataset meanwhile; then what was made here is removed."""
-        if self._is_made or not self.is_there():
+        if self._is_made or not self.look():
             return self._is_made
         self._place.clear(self.run)
         return True
@@ -235,12 +226,12 @@ class Build:
         try:
             self._gather(closely)
         except (OSError, IbdataError):
-            is_there = False
+            is_published = False
             with suppress(OSError, IbdataError):
-                is_there = self.is_there()  # another host has published it meanwhile, and removed the run
-            if not is_there:
+                is_published = self.look()  # by another host meanwhile, which has removed the run
+            if not is_published:
                 raise
-        if not self.is_there():  # somebody may have put files there meanwhile
+        if not self.look():  # somebody may have put files there meanwhile
             assert self._record is not None
             self._place.appear(self.run, self._record, self._overwrite)
         with suppress(OSError):  # Windows removes no open file; who has the part next removes it
@@ -267,14 +258,3 @@ def other_dataset(listed: Manifest, spec: DatasetSpec) -> str | None:
         return "the dataset of an object of a Python session"
     names = changed_here(spec, listed.code)
     return f"the dataset of this experiment with other code, in {names_of(names)}" if names else None
-
-
-def refuse_damage(listed: Manifest, place: BuildPlace) -> None:
-    """Raise DatasetError for the first file that a manifest lists and that is missing or has another size."""
-    remedy = f"ibdata repair makes the file again, {OVERWRITE} the dataset"
-    if not place.replaces:
-        remedy = f"remove {place.name} to make it again"
-    for path, entry in listed.entries().items():
-        if place.size_of(path) != entry.bytes:
-            where = f"{place.name}/{path}"
-            raise DatasetError(f"{where}: missing or not whole, but the dataset is finished; {remedy}")

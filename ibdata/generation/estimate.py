@@ -111,7 +111,7 @@ def _estimate(spec: DatasetSpec, place: Path | str, overwrite: bool) -> Estimate
 
 def _action(spec: DatasetSpec, place: Path | str, overwrite: bool) -> str:
     build = Build(place, spec, overwrite=overwrite)
-    if build.is_there():
+    if build.look():
         return "open the finished dataset"
     finished = build.begun_shards()
     return f"go on after {counted(finished, 'finished shard')}" if finished else "make it"

@@ -34,13 +34,7 @@ Documents = Iterable[tuple[str, bytes]]  # paths and contents of what is no shar
 
 
 class Folder:
-    """A folder. Its part has a lock, and is published by one rename.
-
-    Attributes:
-        name: The place in messages.
-        files: The files of the place.
-        replaces: Whether what is here can be replaced.
-    """
+    """A `BuildPlace` whose part has a lock, and is published by one rename."""
 
     replaces = True
 
@@ -51,23 +45,19 @@ class Folder:
         self._found: Path | None = None
 
     def refuse(self, overwrite: bool) -> None:
-        """Raise UsageError if no dataset can appear here, or if what is here cannot be replaced."""
         _refuse_folder(self._path, self.name)
         self._part.refuse_foreign()
 
     def found(self) -> Storage | None:
-        """The files that are here; None if there are none, but for what a publication left half-done."""
         places = (self._path, self._part.folder / OLD)  # which is to be restored
         self._found = next((place for place in places if existing_paths(place)), None)
         return Storage(self._found) if self._found else None
 
     def size_of(self, path: str) -> int | None:
-        """The bytes of a file that was found; None if it was not."""
         file = self._found / path if self._found else None
         return file.stat().st_size if file and file.is_file() else None
 
     def refuse_replacing(self, listed: Manifest) -> None:
-        """Raise UsageError if more than a dataset is here, or if it may not be replaced."""
         folder = self._found or self._path
         for path in _foreign_files(folder, listed):
             what = "folder" if path.is_dir() else "file"
@@ -79,12 +69,10 @@ class Folder:
                 )
 
     def new_run(self, record: Record) -> Run:
-        """The run that a record begins."""
         return FolderRun(self._part.run)
 
     @contextmanager
     def hold(self, shared: bool) -> Iterator[None]:
-        """Keep others away as far as that is possible; `shared`: but not from other shards of the same."""
         if shared:
             self.tidy()
         with locked_part(self._path, self.name, shared=shared) as self._part:
@@ -114,7 +102,6 @@ class Folder:
         return True
 
     def gather(self, run: Run, record: Record, written: list[WrittenShard], documents: Documents) -> None:
-        """Bring together all files of the dataset; nobody takes them for one yet."""
         folder, paths = self._part.run / DATASET, {shard.entry.path for shard in written}
         for file in (folder / "data").iterdir():
             if f"data/{file.name}" not in paths:  # of a shard that was made again, and got other bytes
@@ -135,15 +122,12 @@ class Folder:
         self._part.place(folder, replace)
 
     def clear(self, run: Run) -> None:
-        """Remove a run from the part."""
         self._part.clear()
 
     def tidy(self) -> None:
-        """Remove what a process that was killed has left, unless somebody is at work here."""
         tidy(self._path, self._clear_useless)
 
     def shown(self, files: Run | Storage) -> str:
-        """Where a run, or what was found, is to be removed by a user."""
         path = files.path if isinstance(files, Storage) else self._part.run
         return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
 

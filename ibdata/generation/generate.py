@@ -21,7 +21,8 @@ from ibdata.dataset import manifest
 from ibdata.dataset.dataset import Dataset
 from ibdata.errors import OUT, OVERWRITE, SHARDS, UsageError, notice, public_url
 from ibdata.experiment import KEYS, Config, Overrides, load_all, shipped
-from ibdata.generation.build import Build, place_at, refuse_damage
+from ibdata.generation.build import Build
+from ibdata.generation.place import place_at, refuse_damage
 from ibdata.generation.process import Process, process_for
 from ibdata.generation.record import observe
 from ibdata.generation.small_work import interpret_few_rows
@@ -100,7 +101,7 @@ def generate(
     if not folder:
         return _generate_one(specs[0], places[0], chosen, overwrite, Progress(progress))
     for spec, place in zip(specs, places, strict=True):
-        Build(place, spec, overwrite=overwrite).look()
+        Build(place, spec, overwrite=overwrite).look(tidy=True)
     return {
         Path(place).name: _generate_one(spec, place, chosen, overwrite, Progress(progress))
         for spec, place in zip(specs, places, strict=True)
@@ -136,7 +137,7 @@ def _generate_one(
     spec: DatasetSpec, place: Path | str, engine: Engine, overwrite: bool, progress: Progress
 ) -> Dataset:
     build = Build(place, spec, overwrite=overwrite)
-    if build.look():
+    if build.look(tidy=True):
         notice(f"{build.name}: already there; nothing was written")
     else:
         _make(build, engine, progress)
@@ -237,7 +238,7 @@ def make_range(
     """
     shards, missing = shard_range.of(spec.shards), 0
     build = Build(place, spec, replaces=f"{OVERWRITE} without {SHARDS}")
-    if not build.look():
+    if not build.look(tidy=True):
         with process_for(spec) as process:
             record = process.call(observe)  # for up to a minute, while other hosts need the lock
             with build.open(record, shared=True):

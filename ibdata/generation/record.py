@@ -26,7 +26,7 @@ from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.experiment import Experiment
 from ibdata.experiment.scenario import other_dynamics
 from ibdata.generation.metadata import as_json
-from ibdata.plan.consent import changed, changed_here, names_of, record
+from ibdata.plan.code_record import changed, changed_here, code_record, names_of
 from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.plan.rollout import episodes_of, rollout
 from ibdata.policies.user_object import UserObject, refuse_shared
@@ -35,6 +35,7 @@ from ibdata.views.variables import ROWS
 STEPS, SETPOINTS = 100, 32  # at most, that users' objects play before a run
 UNREADABLE = "whose note is damaged, or of another ibdata"
 OTHER_BITS = "of a machine that computes other bits"
+OTHER_BITS_HERE = "this machine computes other bits than expected"
 
 
 class Planned(JsonObject):
@@ -120,9 +121,11 @@ def observe(spec: DatasetSpec) -> Record:
 
     What a user should know about its policies is said on stderr.
     """
-    code, answer_here = _code(spec), known_answer()
-    reproducible = answer_here == ANSWER and not spec.live
-    record = Record.of(spec, code=code, reproducible=reproducible, known_answer=answer_here)
+    code, answer = _code(spec), known_answer()
+    if answer != KNOWN_ANSWER:
+        notice(f"{OTHER_BITS_HERE}; the manifest says reproducible: false")
+    reproducible = answer == KNOWN_ANSWER and not spec.live
+    record = Record.of(spec, code=code, reproducible=reproducible, known_answer=answer)
     if spec.user_objects:
         for experiment in spec.experiments:
             _play_user_objects(experiment)
@@ -148,7 +151,7 @@ def _code(spec: DatasetSpec) -> list[Code]:
             refuse_shared(policy_of_label)
     for experiment in spec.experiments:
         warm_up(experiment)
-    return record(policies)
+    return code_record(policies)
 
 
 def agree(spec: DatasetSpec, run: Run) -> None:
@@ -161,7 +164,7 @@ def agree(spec: DatasetSpec, run: Run) -> None:
         return
     if names := changed(begun.code, _code(spec)):
         raise UsageError(f"a worker found other code than the run began with, in {names_of(names)}")
-    if begun.known_answer != answer():
+    if begun.known_answer != known_answer():
         raise UsageError("a worker computes other bits than the machine on which the run began")
 
 
@@ -178,7 +181,8 @@ def warm_up_again(spec: DatasetSpec) -> None:
     """Compile the simulator before episodes are made again, and say so if this machine makes others."""
     for experiment in spec.experiments:
         warm_up(experiment)
-    known_answer("episodes made again may differ")
+    if known_answer() != KNOWN_ANSWER:
+        notice(f"{OTHER_BITS_HERE}; episodes made again may differ")
 
 
 def _play_user_objects(experiment: Experiment) -> None:
@@ -190,21 +194,12 @@ def _play_user_objects(experiment: Experiment) -> None:
             rollout(small, number * per_policy, number * per_policy + min(per_policy, SETPOINTS))
 
 
-def known_answer(therefore: str = "the manifest says reproducible: false") -> str:
-    """Make the known runs and return their `answer`. If the bits are not right, a line on stderr says so."""
-    answer_here = answer()
-    check()
-    if answer_here != ANSWER:
-        notice(f"this machine computes other bits than expected; {therefore}")
-    return answer_here
-
-
 # Small runs with a known result show whether this machine computes the same bits as all others. They use
 # only the compiled code that every dataset needs.
 KNOWN: dict[str, Any] = {"name": "known", "policies": [{"kind": "random"}], "episodes": 16, "steps": 32}
 MOVING = {**KNOWN, "dynamics": "siemens", "setpoints": {"drifting": [1, 35, 70, 99]}, "start": "uniform"}
 PRINTED = {**KNOWN, "dynamics": "paper", "setpoints": [1, 99]}
-ANSWER = "ce080c3df2a134ce619f7adcddff13a769bfddabe30a0a6c86388358b13ad5d6"
+KNOWN_ANSWER = "ce080c3df2a134ce619f7adcddff13a769bfddabe30a0a6c86388358b13ad5d6"
 
 
 def digest(plain: dict[str, Any]) -> bytes:
@@ -218,8 +213,10 @@ def digest(plain: dict[str, Any]) -> bytes:
     return hashlib.sha256(states.tobytes() + actions.tobytes()).digest()
 
 
-def answer() -> str:
+def known_answer() -> str:
     """The SHA-256 of the results of the known runs in this process, and of its treatment of denormals."""
     least = sys.float_info.min
     keeps_denormals = least / 2.0 * 2.0 == least  # a library can tell the processor to treat them as 0
-    return hashlib.sha256(digest(MOVING) + digest(PRINTED) + bytes([keeps_denormals])).hexdigest()
+    digests = digest(MOVING) + digest(PRINTED)
+    check()
+    return hashlib.sha256(digests + bytes([keeps_denormals])).hexdigest()

@@ -12,7 +12,7 @@ from ibdata._numerics.naming import counted
 from ibdata._simulation.kernel import simulate
 from ibdata._system import processes
 from ibdata.errors import notice
-from ibdata.generation.build import place_at
+from ibdata.generation.place import place_at
 from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.policies.network import Network
 from ibdata.policies.signals import Multisine

@@ -35,7 +35,7 @@ SHARD = re.compile(r"data/part-[0-9]{5,}-[0-9a-f]+[.]parquet")
 
 
 class Store:
-    """A store of objects at a URL, without locks and renames.
+    """A `BuildPlace` at a URL, without locks and renames.
 
     Each run has a name in the part, which is only an address: equal commands begin the same run.
     """

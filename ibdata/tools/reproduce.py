@@ -15,7 +15,8 @@ from ibdata.generation.finish import refuse_other_plan, root_of
 from ibdata.generation.pieces import simulated
 from ibdata.generation.process import process_for
 from ibdata.generation.record import warm_up_again
-from ibdata.plan.consent import changed_here, consented_spec, names_of
+from ibdata.plan.code_record import changed_here, names_of
+from ibdata.plan.consent import consented_spec
 from ibdata.plan.dataset_spec import DatasetSpec, Shard
 from ibdata.tools.rules import Problem
 from ibdata.tools.validate import changed_files

@@ -46,7 +46,7 @@ def write_dataset(spec: DatasetSpec, source: Dataset, out: str | os.PathLike[str
         clipped=listed.clipped_actions,
     )
     build = Build(out, spec, new=True, record=record)
-    build.look()
+    build.look(tidy=True)
     with build.open(record):
         for shard in build.missing():
             _copy(build, shard, source)

@@ -152,7 +152,7 @@ def test_of_hosts_with_other_experiments_that_begin_at_the_same_moment_one_is_re
 
 def test_of_hosts_with_other_bits_that_begin_at_the_same_moment_one_is_refused(together, monkeypatch):
     answers = iter(["0" * 64, "1" * 64])
-    monkeypatch.setattr(record, "answer", lambda: next(answers))
+    monkeypatch.setattr(record, "known_answer", lambda: next(answers))
     refused, made = sorted(together(TEN, TEN), key=lambda answer: isinstance(answer, PartMade))
     assert str(refused).startswith("out: holds an unfinished run of a machine that computes other bits, ")
     assert (made.shards, len(receipts("out"))) == (5, 5)

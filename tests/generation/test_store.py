@@ -28,7 +28,8 @@ from ibdata.dataset import manifest
 from ibdata.errors import BusyError, DatasetError, IbdataError, Interrupted, UsageError
 from ibdata.generation import generate as generation
 from ibdata.generation import store, workers
-from ibdata.generation.build import Build, place_at
+from ibdata.generation.build import Build
+from ibdata.generation.place import place_at
 
 METHODS = ("put", "copy_from", "remove", "size", "sizes", "names", "read")
 
@@ -292,8 +293,8 @@ def test_a_host_that_comes_last_finds_the_dataset(url, place, shards, monkeypatc
     out = url.replace("there", place) if place == "there" else place
     real = Build.look
 
-    def looking(build):
-        found = real(build)
+    def looking(build, **options):
+        found = real(build, **options)
         monkeypatch.setattr(Build, "look", real)
         four_shards_at(out)
         return found

@@ -142,7 +142,7 @@ def main(spec: dict[str, object]) -> None:
     wrong = unmet(spec.get("expect", {}), found)
     assert not wrong, wrong
     if "known_answer" in spec:
-        record.ANSWER = spec["known_answer"]
+        record.KNOWN_ANSWER = spec["known_answer"]
     with tempfile.TemporaryDirectory(dir=spec["folder"]) as notes:
         os.environ |= {"SAME_BITS_NOTES": notes, "SAME_BITS_SPEC": json.dumps(spec)}
         results = {e.name: made(e, spec) for e in experiments(spec["size"], spec.get("shards", 0))}
