@@ -6,7 +6,7 @@ A room without an underscore is what people speak of; one with an underscore is 
 - views: the variables, and what of them is seen and rewarded
 - policies: behaviours and their densities
 - experiment: from YAML or Python to what is simulated
-- plan: the columns, shards and rows of an experiment's dataset; consent to its code, and the record of that code
+- plan: the columns, shards and rows of an experiment's dataset; consent to its code, and its record
 - generation: how a dataset comes to be: shards, their files and metadata, the build in a hidden part
 - dataset: a finished dataset, and what is read of it
 - evaluation: what policies are worth, by simulation, from data, or at single states

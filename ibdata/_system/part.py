@@ -24,10 +24,8 @@ from ibdata.errors import OUT, WORKERS, IbdataError, UsageError, is_thread_limit
 
 LOCK, RUN, OLD = "ibdata.lock", "run", "old"  # in a part
 NOTE, RECEIPTS, DATASET = "run.json", "receipts", "dataset"  # in the folder of its run
-OLDER = re.compile("run[.]json|[0-9a-f]{16}")  # what an older ibdata has in a part
-PATIENCE = (
-    10.0  # seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds
-)
+# Seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds.
+PATIENCE = 10.0
 # Windows takes these names for those of devices, or leaves the end of a name away.
 WINDOWS_NAMES = re.compile(
     r'(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *(\..*)?|.*[ .]|.*[<>:"|?*\0-\x1f].*', re.I | re.S
@@ -84,9 +82,6 @@ class Part:
         """Raise UsageError if there is something in the part that this ibdata did not make."""
         if foreign := self._foreign():
             raise UsageError(f"{foreign}: found what ibdata did not make, expected nothing; move it away")
-        if any(OLDER.fullmatch(path.name) for path in existing_paths(self.folder)):
-            problem = "found an unfinished run of an older ibdata; finish it with that, or remove it"
-            raise UsageError(f"{self.folder}: {problem}")
 
     def _foreign(self) -> Path | None:
         """The part if its lock is missing, or what is no folder or file in it.
@@ -200,7 +195,9 @@ def locked_part(
     """
     name, part = os.fspath(place or target), Part(target)
     with refusing_system_errors(name), stoppable(), _made_parents(target), ExitStack() as stack:
-        part.lock = _lock(stack, part, name, shared, patience)
+        part.refuse_foreign()
+        wait = PATIENCE if shared else patience
+        part.lock = stack.enter_context(locked(part.folder / LOCK, wait, shared=shared, place=name))
         try:
             if not shared:
                 part.restore()
@@ -215,12 +212,6 @@ def locked_part(
                         notice(
                             f"{part.folder}: cannot be removed yet: {error.strerror}; the next run removes it"
                         )
-
-
-def _lock(stack: ExitStack, part: Part, name: str, shared: bool, patience: float) -> Lock:
-    part.refuse_foreign()
-    wait = PATIENCE if shared else patience
-    return stack.enter_context(locked(part.folder / LOCK, wait, shared=shared, place=name))
 
 
 def tidy(place: Path, clear: Callable[[Part], object] | None = None) -> None:

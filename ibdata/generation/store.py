@@ -10,15 +10,12 @@ import hashlib
 import json
 import re
 import secrets
-import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cached_property
-from pathlib import Path
 
-from ibdata._system.cache_folders import cache_folders
-from ibdata._system.part import existing_paths, refusing_system_errors
+from ibdata._system.part import refusing_system_errors
 from ibdata._system.runs import Run, StoreRun, note_of, runs_at
 from ibdata._system.signals import ignore, stoppable
 from ibdata._system.storage import Remote, Storage
@@ -30,7 +27,6 @@ from ibdata.generation.metadata import as_json
 from ibdata.generation.record import Record
 from ibdata.generation.shard import AT_ONCE, WrittenShard
 
-UPLOAD = re.compile("[0-9a-f]{24}")  # what an older ibdata kept
 SHARD = re.compile(r"data/part-[0-9]{5,}-[0-9a-f]+[.]parquet")
 
 
@@ -96,19 +92,8 @@ class Store:
 
     @contextmanager
     def hold(self, shared: bool) -> Iterator[None]:
-        self._forget_uploads()
         with refusing_system_errors(self.name, "; the same command goes on"), stoppable():
             yield
-
-    def _forget_uploads(self) -> None:
-        """Remove what an older ibdata has left, which made datasets here before it uploaded them."""
-        uploads = Path(cache_folders().folders[-1], "uploads")
-        for folder in existing_paths(uploads):
-            if UPLOAD.fullmatch(folder.name):
-                shutil.rmtree(folder, ignore_errors=True)
-                notice(f"{folder}: removed what an older ibdata had kept for an upload; it is made again")
-        with suppress(OSError):
-            uploads.rmdir()
 
     def begin(self, run: Run, record: Record) -> bool:
         if note_of(run):

@@ -21,7 +21,6 @@ from helpers.fork_server import whole
 
 import ibdata
 from ibdata._system import runs
-from ibdata._system.cache_folders import CacheFolders
 from ibdata._system.storage import Remote
 from ibdata.cli import main
 from ibdata.dataset import manifest
@@ -431,17 +430,3 @@ def test_what_a_url_cannot_do_is_refused(url, tmp_path):
     with pytest.raises(DatasetError, match=f"^{problem}; remove {url} to make it again$"):
         four_shards_at(url)
     assert contents().keys() == before.keys()
-
-
-def test_what_an_older_version_kept_for_uploads_goes(url, tmp_path, monkeypatch, capsys):
-    """It lay in the cache, where nobody looks for gigabytes."""
-    monkeypatch.setattr(store, "cache_folders", lambda: CacheFolders((str(tmp_path / "cache"),), True))
-    kept, own = tmp_path / "cache/uploads" / ("0" * 24) / "dataset", tmp_path / "cache/uploads/thesis.txt"
-    kept.mkdir(parents=True)
-    own.touch()
-    four_shards_at(url)
-    assert list(own.parent.iterdir()) == [own]
-    assert ": removed what an older ibdata had kept for an upload" in capsys.readouterr().err
-    own.unlink()
-    four_shards_at(f"{url}-too")
-    assert not own.parent.exists()

@@ -240,21 +240,6 @@ def test_finalize_refuses_a_run_of_another_data_version(begun, monkeypatch):
         ibdata.finalize("out")
 
 
-@pytest.mark.parametrize("name", ["run.json", "0123456789abcdef"])
-@pytest.mark.parametrize("call", [lambda out: ibdata.generate(TINY, out, workers=1), ibdata.finalize])
-def test_an_unfinished_run_of_an_older_version_is_refused_in_one_line(name, call):
-    """Its files lay directly in the part, or in a folder with the name of a hash."""
-    part_of("out").mkdir()
-    for path in ("ibdata.lock", name):
-        (part_of("out") / path).touch()
-    before = contents()
-    with pytest.raises(
-        UsageError, match=r"^\S*\.out\.part: found an unfinished run of an older ibdata; finish"
-    ):
-        call("out")
-    assert contents() == before
-
-
 def test_a_run_goes_on_with_the_same_code_only():
     """tests/generation/test_origin.py does it with files and folders."""
     hashes = ({"helper.py": letter * 64} for letter in "ab")
