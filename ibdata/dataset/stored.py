@@ -7,13 +7,15 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from itertools import chain
+from itertools import chain, groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from ibdata._numerics.ranges import joined
 from ibdata._system.storage import Storage, storage
 from ibdata.dataset import manifest, parquet
 from ibdata.dataset.models import (
@@ -222,7 +224,10 @@ class Stored:
         """The numbers of the shards to read, each with the runs of rows to read, or None for all rows."""
         if mask is None:
             return [(number, None) for number in range(len(self.manifest.shards))]
-        return sorted(_runs_by_shard(self.episodes.filter(mask)).items())
+        episodes = self.episodes.filter(mask)
+        columns = (episodes[name].to_numpy().tolist() for name in ("row_start", "row_stop", "shard"))
+        by_shard = groupby(joined(zip(*columns, strict=True)), itemgetter(2))
+        return [(number, [(start, stop) for start, stop, _ in runs]) for number, runs in by_shard]
 
     def _types(self, columns: Sequence[str] | None) -> dict[str, str]:
         """The types of these columns, or of all."""
@@ -237,18 +242,6 @@ class Stored:
         except DatasetError:
             self.refuse_replaced()
             raise
-
-
-def _runs_by_shard(episodes: pa.Table) -> dict[int, Runs]:
-    """The rows of episodes in each shard, as runs start … stop - 1."""
-    by_shard: dict[int, Runs] = {}
-    columns = (episodes[name].to_numpy().tolist() for name in ("shard", "row_start", "row_stop"))
-    for shard, start, stop in zip(*columns, strict=True):
-        runs = by_shard.setdefault(shard, [])
-        if runs and runs[-1][1] == start:
-            start = runs.pop()[0]
-        runs.append((start, stop))
-    return by_shard
 
 
 def _in_runs(batches: Iterator[pa.RecordBatch], runs: Runs | None) -> Iterator[pa.RecordBatch]:

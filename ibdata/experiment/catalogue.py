@@ -27,12 +27,12 @@ def full_name(what: str, name: str, sets: Sequence[str]) -> str:
     Raises UsageError if none of the sets has the name.
     """
     ends = [path.rpartition("/")[2] for path in sets]
-    short = [end if ends.count(end) == 1 else path for path, end in zip(sets, ends, strict=True)]
-    for path, end in zip(sets, short, strict=True):
-        if name in (path, end):
-            return path
-    expected = suggestion(name, [*sets, *short]) or f", expected one of {', '.join(short)}"
-    raise UsageError(f"{what}: found {name!r}{expected}")
+    short = {end if ends.count(end) == 1 else path: path for path, end in zip(sets, ends, strict=True)}
+    known = {**{path: path for path in sets}, **short}
+    if name not in known:
+        expected = suggestion(name, known) or f", expected one of {', '.join(short)}"
+        raise UsageError(f"{what}: found {name!r}{expected}")
+    return known[name]
 
 
 class Listed(NamedTuple):

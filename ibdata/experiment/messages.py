@@ -161,18 +161,15 @@ def _message(error: Mapping[str, Any], options: list[str]) -> str:
 
 def _options_at(model: type[BaseModel], data: Any, loc: Loc) -> list[str]:
     """The names of the options that are valid in the mapping at a path."""
-    for part in (None, *loc):
-        if part is not None:
-            data = data[part]
-        if (field := model.model_fields.get(str(part))) is not None:
-            keys = set(data if isinstance(data, dict) else ())  # of which most are fields of the right model
-            fit = {
-                candidate: len(keys & set(candidate.model_fields)) for candidate in _models(field.annotation)
-            }
-            model = max(fit, key=fit.__getitem__, default=model)
-        if isinstance(data, dict):
-            model = POLICIES.get(str(data.get("kind")), model)
-    return list(model.model_fields)
+    if isinstance(data, dict):
+        model = POLICIES.get(str(data.get("kind")), model)
+    if not loc:
+        return list(model.model_fields)
+    field, inner = model.model_fields.get(str(loc[0])), data[loc[0]]
+    models = _models(field.annotation) if field else []
+    keys = set(inner if isinstance(inner, dict) else ())  # of which most are fields of the right model
+    fit = max(models, key=lambda each: len(keys & each.model_fields.keys()), default=model)
+    return _options_at(fit, inner, loc[1:])
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

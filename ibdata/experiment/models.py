@@ -8,15 +8,10 @@ from itertools import combinations, pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    PrivateAttr,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
 from ibdata._numerics.naming import unequal
+from ibdata._numerics.ranges import joined
 from ibdata.errors import Loc, Problems
 from ibdata.experiment.fields import (
     LICENCE,
@@ -157,14 +152,13 @@ class Experiment(FrozenModel):
         indices = {name: split.indices(n) for name, split in splits.items()}
         ends = (end for selected in indices.values() for end in (selected.start, selected.stop))
         borders = sorted({0, n, *(min(n, end) for end in ends)})
-        runs: list[tuple[int, int, tuple[str, ...]]] = []
+        ranges: list[tuple[int, int, tuple[str, ...]]] = []
         for i, cell in enumerate(self.cells):
             of_cell = [name for name, split in splits.items() if split.selects(cell.setpoint, cell.label)]
             for low, high in pairwise(borders):
                 names = tuple(name for name in of_cell if low in indices[name])
-                first = runs.pop()[0] if runs and runs[-1][2] == names else i * n + low
-                runs.append((first, i * n + high, names))
-        return runs
+                ranges.append((i * n + low, i * n + high, names))
+        return joined(ranges)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy as pydantic does, but keep the folder. Raises ConfigError if the copy is not valid."""

@@ -6,7 +6,7 @@ https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from ibdata._system.files import FileEntry
@@ -66,17 +66,16 @@ SPDX = re.compile(r"(?!LicenseRef-)[\w.-]+")  # an identifier, which has a page;
 USES = {"train": "cr:TrainingSplit", "validation": "cr:ValidationSplit", "test": "cr:TestSplit"}
 
 
-def croissant(spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEntry], root: str) -> Json:
+def croissant(spec: DatasetSpec, entries: Collection[FileEntry], root: str) -> Json:
     """The content of croissant.json.
 
     Args:
         spec: The experiments and splits of the dataset; those of its splits that are labels have no files.
-        paths: The paths of the files of its shards.
-        entries: All files that the manifest lists, but for this one.
+        entries: All files that the manifest lists, those of the shards in order; this one does not count.
         root: Its content root.
     """
     columns = info(spec).columns
-    files = distribution(spec, paths, entries, root)
+    files = _distribution(spec, entries, root)
     record_sets = [_record_set("rows", "files", columns, described=True)]
     record_sets += [_record_set(f"split/{name}", f"files/{name}", columns) for name in spec.declared]
     return {
@@ -120,9 +119,7 @@ def _head(kind: str, name: str) -> Json:
     return {"@type": f"cr:{kind}", "@id": name, "name": name}
 
 
-def distribution(
-    spec: DatasetSpec, paths: Sequence[str], entries: Iterable[FileEntry], root: str
-) -> list[Json]:
+def _distribution(spec: DatasetSpec, entries: Collection[FileEntry], root: str) -> list[Json]:
     """The folder around meta/, in which files are found, the files of all and of each split, each file."""
     folder = {
         **_head("FileObject", "dataset"),
@@ -131,6 +128,7 @@ def distribution(
         "encodingFormat": ["inode/directory", "git+https"],
         "sha256": root,  # a file object needs one
     }
+    paths = (entry.path for entry in entries if entry.path.startswith("data/"))
     shards = list(zip(spec.shards, paths, strict=True))
     sets = {"files": ["data/part-*.parquet"]}
     for name in spec.declared:

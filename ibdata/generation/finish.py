@@ -27,7 +27,7 @@ from ibdata.experiment import Experiment, as_yaml
 from ibdata.generation import metadata
 from ibdata.generation.card import card_text
 from ibdata.generation.croissant import croissant
-from ibdata.generation.shard import WrittenShard, content_of
+from ibdata.generation.shard import WrittenShard
 from ibdata.plan.columns import columns
 from ibdata.plan.dataset_spec import DatasetSpec, Shard
 from ibdata.version import __version__
@@ -52,17 +52,14 @@ def finish(
         code: The code of the custom policies.
         clipped: The number of clipped actions; by default the sum over the shards.
     """
-    root = root_of(spec, ((w.shard, w.content.digests) for w in written))
+    root = root_of(spec, ((w.shard, w.summary.digests) for w in written))
     files = [w.entry for w in written]
-    paths, entries = [file.path for file in files], files.copy()
-    contents = {path: make() for path, make in metadata_contents(spec, written).items()}
-    for path, content in contents.items():
-        data = encoded(content)
-        entries.append(entry_of(path, data))
+    entries, contents = {file.path: file for file in files}, dict[str, Any]()
+    for path, make in metadata_contents(spec, written, entries, root).items():
+        contents[path] = make()
+        data = encoded(contents[path])
+        entries[path] = entry_of(path, data)
         yield path, data
-    described = encoded(croissant(spec, paths, entries, root))
-    entries.append(entry_of(manifest.CROISSANT, described))
-    yield manifest.CROISSANT, described
     yield manifest.SPLITS, metadata.splits_file(spec)
     yield manifest.CARD, card_text(spec, files, root, contents[EPISODES_PATH])
     listed = manifest.sealed(
@@ -74,12 +71,12 @@ def finish(
             name=spec.name,
             experiments=[experiment.plain() for experiment in spec.experiments],
             rows=spec.rows,
-            clipped_actions=sum(w.content.clipped for w in written) if clipped is None else clipped,
+            clipped_actions=sum(w.summary.clipped for w in written) if clipped is None else clipped,
             shards=[
-                ShardEntry(path=path, content=content_of(w.content.digests), **planned_entry(spec, w.shard))
-                for path, w in zip(paths, written, strict=True)
+                ShardEntry(path=entry.path, content=summary.content, **planned_entry(spec, shard))
+                for shard, entry, summary in written
             ],
-            files=[File(**entry._asdict()) for entry in entries],
+            files=[File(**entry._asdict()) for entry in entries.values()],
             versions=versions(),
             reproducible="same-environment" if code and reproducible else reproducible,
             code=list(code),
@@ -99,10 +96,13 @@ def planned_entry(spec: DatasetSpec, shard: Shard) -> Mapping[str, Any]:
     }
 
 
-def metadata_contents(spec: DatasetSpec, written: list[WrittenShard]) -> dict[str, Callable[[], Any]]:
-    """What makes the contents of the files in `meta` that the manifest lists, but of croissant.json, by path.
+def metadata_contents(
+    spec: DatasetSpec, written: list[WrittenShard], entries: Mapping[str, FileEntry], root: str
+) -> dict[str, Callable[[], Any]]:
+    """What makes the contents of the files in `meta` that the manifest lists, by path.
 
-    Those of NEED_CONTENT need the content of all shards.
+    Those of NEED_CONTENT need all shards. croissant.json, the last, needs the entries of all other files, and
+    the content root.
     """
     paths = [manifest.EXPERIMENT]
     if len(spec.experiments) > 1:  # of a merged dataset
@@ -114,6 +114,7 @@ def metadata_contents(spec: DatasetSpec, written: list[WrittenShard]) -> dict[st
         EPISODES_PATH: lambda: metadata.episodes_table(spec, written),
         STATISTICS_PATH: lambda: metadata.statistics(spec, written),
         **{path: partial(known.__getitem__, path) for path in known},
+        manifest.CROISSANT: lambda: croissant(spec, entries.values(), root),
     }
 
 
@@ -171,7 +172,7 @@ def plan_problems(spec: DatasetSpec, listed: Manifest) -> Iterator[tuple[str, st
     shards = [entry.model_dump(exclude={"path", "content"}) for entry in listed.shards]
     expected_shards = [planned_entry(spec, shard) for shard in spec.shards]
     files = {file.path for file in listed.files}
-    expected_files = {*(s.path for s in listed.shards), *metadata_contents(spec, []), manifest.CROISSANT}
+    expected_files = {*(s.path for s in listed.shards), *metadata_contents(spec, [], {}, "")}
     targets = list(dict.fromkeys(code.target for code in listed.code))
     for rule, found, expected in (
         ("experiments", {"shards": shards}, {"shards": expected_shards}),

@@ -59,11 +59,11 @@ def splits(spec: DatasetSpec) -> dict[str, SplitEntry]:
         entries[name] = SplitEntry(episodes=episodes, rows=spec.rows_in(shards), declared=True)
     for name, runs in spec.later_runs().items():
         entries[name] = SplitEntry(
-            episodes=sum(run.stop - run.first for run in runs),
-            rows=sum((run.stop - run.first) * run.steps for run in runs),
+            episodes=sum(stop - first for first, stop, _ in runs),
+            rows=sum((stop - first) * steps for first, stop, steps in runs),
             declared=False,
             split=spec.later[name].model_dump(mode="json", exclude_none=True),
-            runs=[[run.first, run.stop] for run in runs],
+            runs=[[first, stop] for first, stop, _ in runs],
         )
     return entries
 
@@ -93,7 +93,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         dtype = "float64"  # … unless that makes two setpoints one
     length = np.repeat([experiment.steps for experiment in experiments], counts)
     row_start = np.concatenate([np.arange(n) * e.steps for n, e in zip(counts, experiments, strict=True)])
-    digests = [digest for w in written for digest in w.content.digests]
+    digests = [digest for w in written for digest in w.summary.digests]
     arrays: list[pa.Array] = [
         arrow_array(np.concatenate([n + shard.offset for shard, n in zip(shards, numbers, strict=True)])),
         _texts([cell.digest.hex() for cell in cells], cell_of),
@@ -103,7 +103,7 @@ def episodes_table(spec: DatasetSpec, written: list[WrittenShard]) -> pa.Table:
         _acting(spec, shards),
         _lists([shard.splits for shard in shards], counts),
         arrow_array(length),
-        arrow_array(np.concatenate([w.content.returns for w in written])),
+        arrow_array(np.concatenate([w.summary.returns for w in written])),
         arrow_array(np.repeat(np.array([shard.number for shard in shards], dtype=np.int32), counts)),
         arrow_array(row_start),
         arrow_array(row_start + length),
@@ -148,9 +148,9 @@ def statistics(spec: DatasetSpec, written: list[WrittenShard]) -> Statistics:
     names = layout(spec.experiments[0]).names
     found = []
     for split in (None, *spec.declared):
-        contents = [w.content for w in written if split is None or split in w.shard.splits]
-        moments = [content.moments for content in contents]
-        samples, rows = [content.sample for content in contents], [each.rows for each in moments]
+        summaries = [w.summary for w in written if split is None or split in w.shard.splits]
+        moments = [summary.moments for summary in summaries]
+        samples, rows = [summary.sample for summary in summaries], [each.rows for each in moments]
         found.append(statistics_of_columns(names, reduce(merged, moments), samples, rows))
     splits_found = dict(zip(spec.declared, found[1:], strict=True))
     return Statistics(format="ibdata-statistics", version=1, all=found[0], splits=splits_found)

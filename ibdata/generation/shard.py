@@ -48,13 +48,18 @@ class ShardSummary(NamedTuple):
     sample: FloatTable  # of the float columns, for quantiles
     clipped: int
 
+    @property
+    def content(self) -> str:
+        """The hex digest of the shard's content, from the digests of its episodes."""
+        return hashlib.sha256(b"".join(self.digests)).hexdigest()
+
 
 class WrittenShard(NamedTuple):
     """A shard, its file and a summary of its content."""
 
     shard: Shard
     entry: FileEntry
-    content: ShardSummary
+    summary: ShardSummary
 
 
 class ShardSummarizer:
@@ -89,11 +94,6 @@ class ShardSummarizer:
             )
         returns = np.concatenate(self._returns)
         return ShardSummary(self._digests, returns, moments, self._statistics.sample, self._clipped)
-
-
-def content_of(digests: list[bytes]) -> str:
-    """The hex digest of a shard's content, from the digests of its episodes."""
-    return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
 def write_shard(
@@ -154,7 +154,7 @@ def _in_threads(pieces: Iterable[Piece], *tasks: Callable[[Piece], object]) -> N
 
 def write_receipt(run: Run, written: WrittenShard) -> None:
     """Write the receipt of a shard, whose file is in the run."""
-    summary = written.content
+    summary = written.summary
     known = {"file": list(written.entry), "rows": summary.moments.rows, "clipped": summary.clipped}
     arrays: list[npt.NDArray[Any]] = [
         np.frombuffer(json.dumps(known).encode(), np.uint8),

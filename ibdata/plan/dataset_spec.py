@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError, ValidationInfo, model_validator
 
+from ibdata._numerics.ranges import joined
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, Loc, Problems, printable
@@ -41,14 +42,6 @@ class Shard(NamedTuple):
     def stem(self) -> str:
         """The beginning of the shard's path inside the dataset; a token follows."""
         return f"data/part-{self.number:05d}"
-
-
-class Run(NamedTuple):
-    """Episodes first … stop - 1 of a dataset, which all have `steps` steps."""
-
-    first: int
-    stop: int
-    steps: int
 
 
 class NamedSplits(FrozenModel):
@@ -228,20 +221,16 @@ class DatasetSpec:
         with refusals({"splits": splits}, NamedSplits, line) as given:
             return NamedSplits.model_validate(given, context={"spec": self}).splits
 
-    def later_runs(self) -> dict[str, list[Run]]:
-        """The episodes of each later split."""
-        split_runs: dict[str, list[Run]] = {name: [] for name in self.later}
+    def later_runs(self) -> dict[str, list[tuple[int, int, int]]]:
+        """The episodes of each later split, as runs (first, stop, steps): those of a run are equally long."""
+        runs: dict[str, list[tuple[int, int, int]]] = {name: [] for name in self.later}
         offset = 0
         for experiment in self.experiments:
             for first, stop, names in experiment.segments(self.later):
                 for name in names:
-                    runs = split_runs[name]
-                    run = Run(offset + first, offset + stop, experiment.steps)
-                    if runs and (runs[-1].stop, runs[-1].steps) == (run.first, run.steps):
-                        run = Run(runs.pop().first, run.stop, run.steps)
-                    runs.append(run)
+                    runs[name].append((offset + first, offset + stop, experiment.steps))
             offset += experiment.episode_count
-        return split_runs
+        return {name: joined(of_split) for name, of_split in runs.items()}
 
     def all_declared(self) -> DatasetSpec:
         """A copy that declares the later splits, so that their episodes get files of their own."""

@@ -14,14 +14,13 @@ import pyarrow as pa
 from ibdata._system.progress import Advance, unseen
 from ibdata._system.storage import Storage
 from ibdata.dataset import manifest, parquet
-from ibdata.dataset.models import JsonObject
+from ibdata.dataset.models import JsonObject, Manifest
 from ibdata.dataset.statistics import Moments
 from ibdata.dataset.stored import EPISODES_PATH, Stored
 from ibdata.errors import DatasetError, reason
 from ibdata.experiment import Experiment
 from ibdata.experiment.yaml import Document
-from ibdata.generation.croissant import distribution
-from ibdata.generation.finish import NEED_CONTENT, first_difference, metadata_contents
+from ibdata.generation.finish import NEED_CONTENT, first_difference, metadata_contents, root_of
 from ibdata.generation.metadata import splits
 from ibdata.generation.pieces import Piece, stored_pieces
 from ibdata.generation.shard import ShardSummarizer, ShardSummary, WrittenShard
@@ -84,13 +83,12 @@ def check_shard(
 def _problems(path: str, broken: Iterable[tuple[str, Broken]]) -> list[Problem]:
     """A problem for each rule that is broken in a column, with the first row and the number of rows."""
     by_column: dict[tuple[str, str], Broken] = {}
-    for rule, (row, message, count) in broken:
-        column = message.partition(":")[0]
-        first = by_column.get((rule, column), Broken(row, message, 0))
-        by_column[rule, column] = first._replace(rows=first.rows + count)
+    for rule, one in broken:
+        first = by_column.get((rule, one.column), one._replace(rows=0))
+        by_column[rule, one.column] = first._replace(rows=first.rows + one.rows)
     return [
-        Problem(path, row, rule, message + (f" ({count} such rows)" if count > 1 else ""))
-        for (rule, _), (row, message, count) in by_column.items()
+        Problem(path, row, rule, message + (f" ({rows} such rows)" if rows > 1 else ""))
+        for (rule, _), (row, _, message, rows) in by_column.items()
     ]
 
 
@@ -148,20 +146,18 @@ def metadata_problems(
         written: The shards whose rows keep every rule. What follows from rows is compared if these are all.
         is_whole: Whether the file of a path has the SHA-256 that the manifest lists; others are passed over.
     """
-    listed, are_all = stored.manifest, len(written) == len(spec.shards)
-    entries, shard_paths = listed.entries(), [shard.path for shard in listed.shards]
-    makers = metadata_contents(spec, written)
-    makers[manifest.CROISSANT] = lambda: {
-        "distribution": distribution(spec, shard_paths, entries.values(), listed.content_root)
-    }
-    for path, make in makers.items():
+    are_all, entries = len(written) == len(spec.shards), stored.manifest.entries()
+    for path, make in metadata_contents(spec, written, entries, stored.manifest.content_root).items():
         is_known = are_all or path not in NEED_CONTENT
         is_named_by_hash = manifest.WEIGHTS.fullmatch(path)
         if path not in entries or not is_known or is_named_by_hash or not is_whole(path):
             continue
-        expected = make()
+        expected = _plain(make())
         try:
-            message = first_difference(_facts(stored, path, spec), _plain(expected))
+            found = _facts(stored, path, spec)
+            if path == manifest.CROISSANT:  # the rest is prose, which may be said in other words
+                found, expected = ({"distribution": x.get("distribution")} for x in (found, expected))
+            message = first_difference(found, expected)
         except DatasetError as error:
             yield Problem.of(error, path, stored.storage.where(path), "metadata")
         except (ValueError, pa.ArrowException) as error:
@@ -179,16 +175,23 @@ def _plain(content: pa.Table | Experiment | JsonObject | dict[str, Any]) -> Any:
 
 
 def _facts(stored: Stored, path: str, spec: DatasetSpec) -> Any:
-    """What programs read in a file of `meta`. The prose of a description may be said in other words."""
+    """The content of a file of `meta` that is there, as plain data."""
     data = stored.read(path)
     if path == EPISODES_PATH:
         return _plain(parquet.read(stored.storage, path, data=data))
     if path.endswith(".yaml"):
         context = spec.experiments[0].checked_with
         return Experiment.model_validate(Document(data).data, context=context).plain()
-    if path == manifest.CROISSANT:
-        return {"distribution": dict(manifest.loads(data)).get("distribution")}
     return manifest.loads(data)
+
+
+def root_problems(
+    spec: DatasetSpec, listed: Manifest, shards: Iterable[tuple[Shard, list[bytes]]]
+) -> Iterator[Problem]:
+    """Compare the content root with that of the experiments and of all shards, each with its digests."""
+    if (root := root_of(spec, shards)) != listed.content_root:
+        message = f"found {listed.content_root}, expected {root}"
+        yield Problem(manifest.PATH, None, "content root", message)
 
 
 def splits_problems(stored: Stored) -> Iterator[Problem]:

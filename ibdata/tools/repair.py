@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import NamedTuple
 
 from ibdata._numerics.arguments import public
 from ibdata._system.files import FileEntry, keep_access, remove, rename, sync_folder, write
@@ -18,7 +17,6 @@ from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, UsageError, notice
 from ibdata.generation import metadata
 from ibdata.generation.card import card_of
-from ibdata.generation.croissant import croissant
 from ibdata.generation.finish import (
     NEED_CONTENT,
     encoded,
@@ -28,14 +26,12 @@ from ibdata.generation.finish import (
 )
 from ibdata.generation.process import process_for
 from ibdata.generation.record import warm_up_again
-from ibdata.generation.shard import WrittenShard, all_written, content_of
+from ibdata.generation.shard import WrittenShard, all_written
 from ibdata.generation.workers import make_shards, refuse_workers
 from ibdata.plan.consent import require_consent
 from ibdata.plan.dataset_spec import DatasetSpec, Shard, declared_spec, spec_in
 from ibdata.tools.checks import check_shard, splits_problems
 from ibdata.tools.validate import Hashing, card_problems, unlisted_files, validate
-
-REPAIR = "repair"  # the folder of a part in which shards are made again
 
 
 @public
@@ -74,28 +70,23 @@ def repair(folder: str | os.PathLike[str], workers: int | None = None, allow_cod
     with locked_part(resolved(place), place) as part:
         stored.refuse_replaced()
         missing = [path for path in broken if not os.path.lexists(part.target / path)]
-        remaking = Remaking(part.folder / REPAIR, spec, workers, allow_code)
-        try:
-            entries = _repaired(stored, spec, broken, remaking)
-            for path in missing:
-                keep_access(part.target / manifest.PATH, part.target / path)
-        finally:
-            remove(remaking.root)
+        whole, wrong = _checked_shards(stored, spec, broken)
+        if wrong:
+            require_consent(spec, stored.storage.path, allow_code, again=True)
+            whole += _made_again(part.folder / "repair", stored, spec, wrong, workers)
+        entries = _repaired(stored, spec, broken, whole)
+        for path in missing:
+            keep_access(part.target / manifest.PATH, part.target / path)
         old = stored.manifest.entries()
         if entries != old:
             write(part.target, manifest.PATH, rewritten_manifest(stored.manifest, entries))
         if manifest.CARD in broken:
             repaired = Stored.open(place)
             write(part.target, manifest.CARD, card_of(repaired, spec_in(repaired)))
-        _refuse_broken(place)
+        for problem in validate(place):  # so that nothing else is called repaired
+            again = f"found after all was made again: {problem.message}"
+            raise DatasetError(f"{place / problem.path}: {again}; make the dataset again with generate")
     return broken + [path for path in entries if path not in broken and entries[path] != old[path]]
-
-
-def _refuse_broken(place: Path) -> None:
-    """Raise DatasetError where `validate` still finds a problem, so that nothing else is called repaired."""
-    for problem in validate(place):
-        again = f"found after all was made again: {problem.message}"
-        raise DatasetError(f"{place / problem.path}: {again}; make the dataset again with generate")
 
 
 def _stored(place: Path) -> Stored:
@@ -131,57 +122,58 @@ def _refuse_lost_weights(stored: Stored, broken: list[str]) -> None:
             )
 
 
-class Remaking(NamedTuple):
-    """How shards are made again: in a folder of their own."""
+def _made_again(
+    root: Path, stored: Stored, spec: DatasetSpec, shards: list[Shard], workers: int | None
+) -> list[WrittenShard]:
+    """Make shards again in a folder, then put them in the place of the broken ones.
 
-    root: Path
-    spec: DatasetSpec
-    workers: int | None
-    allow_code: bool
-
-    def make(self, shards: list[Shard], stored: Stored) -> list[WrittenShard]:
-        """Make shards again. Raises DatasetError if one has another content than the manifest lists."""
-        if not shards:
-            return []
-        folder = stored.storage.path
-        require_consent(self.spec, folder, self.allow_code, again=True)
-        remove(self.root)  # that of a repair that was killed
-        self.root.mkdir()
-        (self.root / DATASET).mkdir()
-        with process_for(self.spec) as process:
+    Raises DatasetError if one has another content than the manifest lists; then no shard is changed.
+    """
+    folder, run = stored.storage.path, FolderRun(root)
+    remove(root)  # that of a repair that was killed
+    (root / DATASET).mkdir(parents=True)
+    try:
+        with process_for(spec) as process:
             process.call(warm_up_again)
-            for _ in make_shards(process, shards, FolderRun(self.root), self.workers, Progress().reach):
+            for _ in make_shards(process, shards, run, workers, Progress().reach):
                 pass
-        written = all_written(FolderRun(self.root), shards, folder, "no shard was changed; repair again")
-        for shard in written:
-            entry = stored.shard(shard.shard.number)
-            if content_of(shard.content.digests) != entry.content:
+        written = all_written(run, shards, folder, "no shard was changed; repair again")
+        for shard, _, summary in written:
+            entry = stored.shard(shard.number)
+            if summary.content != entry.content:
                 raise DatasetError(
                     f"{folder / entry.path}: found other content when made again, expected the content that "
                     "the manifest lists; no shard was changed"
                 )
-        return written
+        return [_in_place(made, root / DATASET, stored) for made in written]
+    finally:
+        remove(root)
+
+
+def _in_place(made: WrittenShard, folder: Path, stored: Stored) -> WrittenShard:
+    """Put the file of a shard in the place of the broken one, whose mode and group it gets."""
+    listed = stored.shard(made.shard.number).path
+    path = stored.storage.path / listed
+    path.parent.mkdir(exist_ok=True)
+    keep_access(path, folder / made.entry.path)
+    rename(folder / made.entry.path, path)
+    sync_folder(path.parent)
+    return made._replace(entry=made.entry._replace(path=listed))
 
 
 def _repaired(
-    stored: Stored, spec: DatasetSpec, broken: list[str], remaking: Remaking
+    stored: Stored, spec: DatasetSpec, broken: list[str], whole: list[WrittenShard]
 ) -> dict[str, FileEntry]:
-    """Repair the broken files; return the entries that the manifest is to have."""
-    folder, entries = stored.storage.path, stored.manifest.entries()
-    whole, wrong = _checked_shards(stored, spec, broken)
-    for remade in remaking.make(wrong, stored):
-        path = stored.shard(remade.shard.number).path
-        _move(remaking.root / DATASET / remade.entry.path, folder / path)
-        whole.append(remade._replace(entry=remade.entry._replace(path=path)))
-    whole.sort(key=lambda written: written.shard.number)
-    entries |= {written.entry.path: written.entry for written in whole}
-    for path, make in metadata_contents(spec, whole).items():
-        if path in broken:
+    """Repair the broken metadata; return the entries that the manifest is to have.
+
+    Of the shards, those are given that were read or made again.
+    """
+    folder, listed = stored.storage.path, stored.manifest
+    whole = sorted(whole, key=lambda written: written.shard.number)
+    entries = listed.entries() | {written.entry.path: written.entry for written in whole}
+    for path, make in metadata_contents(spec, whole, entries, listed.content_root).items():
+        if path in broken or (path == manifest.CROISSANT and entries != listed.entries()):
             entries[path] = write(folder, path, encoded(make()))
-    if manifest.CROISSANT in broken or entries != stored.manifest.entries():
-        paths = [shard.path for shard in stored.manifest.shards]
-        described = croissant(spec, paths, entries.values(), stored.manifest.content_root)
-        entries[manifest.CROISSANT] = write(folder, manifest.CROISSANT, encoded(described))
     if manifest.SPLITS in broken:
         write(folder, manifest.SPLITS, metadata.splits_file(spec))
         notice(f"{folder}: splits that were made later, if there were any, are lost; make them again")
@@ -199,19 +191,11 @@ def _checked_shards(
     whole, wrong = list[WrittenShard](), list[Shard]()
     for shard, listed in zip(spec.shards, stored.manifest.shards, strict=True):
         if are_read or listed.path in broken:
-            content, _ = check_shard(spec, shard, stored.storage, listed.path)
-            if content is None or content_of(content.digests) != listed.content:
+            summary, _ = check_shard(spec, shard, stored.storage, listed.path)
+            if summary is None or summary.content != listed.content:
                 wrong.append(shard)
             else:
                 entry = stored.storage.entry(listed.path) or entries[listed.path]
-                whole.append(WrittenShard(shard, entry, content))
+                whole.append(WrittenShard(shard, entry, summary))
             check()
     return whole, wrong
-
-
-def _move(file: Path, path: Path) -> None:
-    """Put a file that was made again in the place of the broken one, whose mode and group it gets."""
-    path.parent.mkdir(exist_ok=True)
-    keep_access(path, file)
-    rename(file, path)
-    sync_folder(path.parent)

@@ -8,16 +8,16 @@ from collections.abc import Iterator
 from ibdata._numerics.arguments import public
 from ibdata._system.storage import existing, local
 from ibdata.dataset import manifest
-from ibdata.dataset.models import Manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import UsageError, notice, parameter
-from ibdata.generation.finish import refuse_other_plan, root_of
+from ibdata.generation.finish import refuse_other_plan
 from ibdata.generation.pieces import simulated
 from ibdata.generation.process import process_for
 from ibdata.generation.record import warm_up_again
 from ibdata.plan.code_record import changed_here, names_of
 from ibdata.plan.consent import consented_spec
 from ibdata.plan.dataset_spec import DatasetSpec, Shard
+from ibdata.tools.checks import root_problems
 from ibdata.tools.rules import Problem
 from ibdata.tools.validate import changed_files
 
@@ -50,7 +50,8 @@ def reproduce(
     spec = consented_spec(stored, allow_code)
     refuse_other_plan(spec, listed)
     digests, shards, rows = (stored.episodes[name].to_pylist() for name in ("digest", "shard", "row_start"))
-    problems = list(_root(spec, listed, digests))
+    digests_of_shards = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in spec.shards)
+    problems = list(root_problems(spec, listed, digests_of_shards))
     asked = list(_parts(spec, episodes, len(digests)))
     problems += changed_files(stored, {listed.shards[part.number].path for part in asked})
     names = changed_here(spec, listed.code)
@@ -80,14 +81,6 @@ def _made_again(spec: DatasetSpec, asked: list[Shard], digests: list[bytes]) -> 
         again = enumerate(piece.digests(), shard.first + shard.offset)
         differing += [episode for episode, digest in again if digest != digests[episode]]
     return clipped, differing
-
-
-def _root(spec: DatasetSpec, listed: Manifest, digests: list[bytes]) -> Iterator[Problem]:
-    digests_of_shards = ((s, digests[s.first + s.offset : s.stop + s.offset]) for s in spec.shards)
-    root = root_of(spec, digests_of_shards)
-    if root != listed.content_root:
-        message = f"content root: found {listed.content_root}, expected {root}"
-        yield Problem(manifest.PATH, None, "reproduce", message)
 
 
 def _parts(spec: DatasetSpec, count: int | None, total: int) -> Iterator[Shard]:

@@ -59,7 +59,7 @@ def _copy(build: Build, shard: Shard, source: Dataset) -> None:
     """Copy a shard's episodes from a source, check that they are those that it lists, and write a receipt."""
     written = write_shard(build.spec, shard, _pieces(build.spec, shard, source), build.run)
     first, count = shard.offset + shard.first, shard.stop - shard.first
-    if written.content.digests != source.stored.episodes["digest"].slice(first, count).to_pylist():
+    if written.summary.digests != source.stored.episodes["digest"].slice(first, count).to_pylist():
         raise _changed(source)
     write_receipt(build.run, written)
 

@@ -57,9 +57,10 @@ class Findings(Tabular, list[Problem]):
 
 
 class Broken(NamedTuple):
-    """The first row that breaks a rule, what was found and expected there, and the number of such rows."""
+    """The first row in which a column breaks a rule, what is wrong there, and the number of such rows."""
 
     row: int
+    column: str
     message: str
     rows: int
 
@@ -132,7 +133,7 @@ def policy(rows: Rows) -> Found:
         row = int(np.argmax(broken))
         shown = labels[stored[row]] if stored[row] >= 0 else "another label"
         count = int(np.count_nonzero(broken))
-        yield Broken(row, f"found {shown}, expected {labels[expected[row]]}", count)
+        yield Broken(row, "policy", f"found {shown}, expected {labels[expected[row]]}", count)
 
 
 def continuity(rows: Rows) -> Found:
@@ -237,7 +238,7 @@ def nulls(batch: pa.RecordBatch) -> Found:
     for name, column in zip(batch.schema.names, batch.columns, strict=True):
         if column.null_count:
             row = int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
-            yield Broken(row, f"{name}: found null, expected a value", column.null_count)
+            yield Broken(row, name, f"{name}: found null, expected a value", column.null_count)
 
 
 def _unlike(expected: Mapping[str, Array], texts: Mapping[str, str], rows: Rows) -> Found:
@@ -255,4 +256,5 @@ def _at(broken: Array, name: str, rows: Rows, expected: str) -> Found:
     """As `_where`, given the numbers of the rows."""
     if len(broken):
         row = int(broken[0])
-        yield Broken(row, f"{name}: found {rows.columns[name][row]}, expected {expected}", len(broken))
+        message = f"{name}: found {rows.columns[name][row]}, expected {expected}"
+        yield Broken(row, name, message, len(broken))

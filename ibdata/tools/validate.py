@@ -14,10 +14,10 @@ from ibdata._system.storage import existing, storage
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError
-from ibdata.generation.finish import plan_problems, root_of
-from ibdata.generation.shard import WrittenShard, content_of
+from ibdata.generation.finish import plan_problems
+from ibdata.generation.shard import WrittenShard
 from ibdata.plan.dataset_spec import declared_spec
-from ibdata.tools.checks import check_shard, metadata_problems, splits_problems
+from ibdata.tools.checks import check_shard, metadata_problems, root_problems, splits_problems
 from ibdata.tools.rules import Findings, Problem
 
 
@@ -29,7 +29,7 @@ def validate(
 
     1. The SHA-256 of every file that the manifest lists is compared. Other files in `data` are problems too.
     2. Every row is checked by the rules: schema, no nulls, finite, bounds, indices, flags, policy,
-       continuity, reward, setpoint, steering, shift register, density.
+       continuity, reward, setpoint, steering, shift register, density, expert action.
     3. The digests of the episodes and the content root are computed again from the rows, and compared.
     4. So is what follows from the experiments and the rows: shards, columns, counts, splits, table of
        episodes, statistics. Values are compared, not bytes.
@@ -87,13 +87,10 @@ def _contents(stored: Stored, files: Hashing, advance: Advance) -> Iterator[Prob
         yield from problems
         if summary is not None:
             written.append(WrittenShard(shard, entries[one.path], summary))
-            if content_of(summary.digests) != one.content:
+            if summary.content != one.content:
                 yield Problem(one.path, None, "digest", "found other content than the manifest lists")
     if len(written) == len(spec.shards):
-        root = root_of(spec, ((w.shard, w.content.digests) for w in written))
-        if root != listed.content_root:
-            message = f"found {listed.content_root}, expected {root}"
-            yield Problem(manifest.PATH, None, "content root", message)
+        yield from root_problems(spec, listed, ((w.shard, w.summary.digests) for w in written))
     yield from metadata_problems(stored, spec, written, files.is_whole)
     yield from splits_problems(stored)
 
