@@ -75,7 +75,7 @@ class Storage:
 
     def read(self, path: str) -> bytes:
         """Read a whole file."""
-        with self.open(path) as file:
+        with plain_errors(), self.open(path) as file:
             data: bytes = file.read()
             return data
 
@@ -83,7 +83,7 @@ class Storage:
         """The size and the hash of a file; None if it cannot be read."""
         hasher, size = hashlib.sha256(), 0
         try:
-            with self.open(path) as file:
+            with plain_errors(), self.open(path) as file:
                 while block := file.read(BLOCK):
                     hasher.update(block)
                     size += len(block)
@@ -150,44 +150,29 @@ class Remote(Storage):
         with plain_errors():
             return self._files.open_input_file(f"{self._base}/{path}")
 
-    def read(self, path: str) -> bytes:
-        with plain_errors():
-            return super().read(path)
-
-    def entry(self, path: str) -> FileEntry | None:
-        try:
-            with plain_errors():
-                return super().entry(path)
-        except OSError:
-            return None
-
     def stamp(self, path: str) -> Any:
         return None
 
     def names(self, folder: str) -> list[str]:
-        from pyarrow.fs import FileSelector
-
         try:
-            with plain_errors():
-                entries = self._files.get_file_info(
-                    FileSelector(f"{self._base}/{folder}", allow_not_found=True)
-                )
+            infos = self._infos(f"{self._base}/{folder}", recursive=False)
         except OSError as error:
             raise self.error(folder, f"cannot be listed: {reason(error)}") from None
-        kept = (info for info in entries if not (info.is_file and is_litter(info.base_name)))
-        return sorted(info.base_name + "/" * (not info.is_file) for info in kept)
+        return sorted(info.base_name + "/" * (not info.is_file) for info in infos)
 
     def sizes(self) -> dict[str, int]:
         """The bytes of every file at the URL, by its path."""
+        base, infos = self._base.strip("/"), self._infos(self._base, recursive=True)
+        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in infos if info.is_file}
+
+    def _infos(self, folder: str, recursive: bool) -> list[Any]:
+        """What is known of each file and folder in a folder; nothing of the files that macOS leaves."""
         from pyarrow.fs import FileSelector
 
+        selector = FileSelector(folder, allow_not_found=True, recursive=recursive)
         with plain_errors():
-            entries = self._files.get_file_info(
-                FileSelector(self._base, allow_not_found=True, recursive=True)
-            )
-        base = self._base.strip("/")
-        files = (info for info in entries if info.is_file and not is_litter(info.base_name))
-        return {info.path.strip("/")[len(base) + 1 :]: info.size for info in files}
+            infos = self._files.get_file_info(selector)
+        return [info for info in infos if not (info.is_file and is_litter(info.base_name))]
 
     @property
     def part(self) -> Remote:

@@ -41,9 +41,7 @@ SplitArg = str | Sequence[str] | None
 SetpointArg = float | Sequence[float] | npt.NDArray[Any] | None
 PolicyArg = str | Sequence[str] | None
 EpisodesArg = int | Sequence[int] | npt.NDArray[Any] | None  # of episodes
-ReturnsArg = (
-    tuple[float | None, float | None] | None
-)  # the lowest and the highest; None where there is no limit
+ReturnsArg = tuple[float | None, float | None] | None  # lowest and highest; None where there is no limit
 MOST_NAMES = 40  # in a message
 
 
@@ -130,7 +128,9 @@ def meeting(
     table = stored.episodes
     mask = np.ones(len(table), dtype=np.bool_)
     if split is not None:
-        mask &= in_splits(stored, _known_splits(stored, split))
+        if not stored.splits:
+            raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")
+        mask &= in_splits(stored, known_of("split", split, list(stored.splits)))
     if setpoint is not None:
         values = table["setpoint"].to_numpy()
         with np.errstate(over="ignore"):  # of the column's type, in which 20.1 is the number nearest to it
@@ -161,10 +161,3 @@ def in_splits(stored: Stored, splits: Sequence[str]) -> Mask:
         for first, stop in [*declared, *stored.splits[split].runs]:
             mask[first:stop] = True
     return mask
-
-
-def _known_splits(stored: Stored, split: SplitArg) -> list[str]:
-    """One or several splits as a list. Raises UsageError for one that the dataset does not have."""
-    if not stored.splits:
-        raise UsageError(f"split: found {split!r}, expected no split: the dataset declares no splits")
-    return known_of("split", split, list(stored.splits))

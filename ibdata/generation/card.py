@@ -129,10 +129,36 @@ def facts(spec: DatasetSpec) -> list[tuple[str, str]]:
 
 def _head(spec: DatasetSpec, files: Sequence[FileEntry], root: str) -> str:
     """The front matter, and what was simulated: all that depends on the splits."""
-    return f"{_front_matter(spec, files)}\n{_text(spec, root)}"
+    lines = [
+        *_front_matter(spec, files),
+        f"# {spec.name}",
+        "",
+        ABOUT,
+        "",
+        "| | |",
+        "|---|---|",
+        *(f"| {name} | {value} |" for name, value in facts(spec)),
+        f"| content root | `{root}` |",
+        "",
+        "A row is (o, a, o′, r) with the latent state; every column is described below. Rewards are",
+        "-consumption - 3·fatigue of the next observation, unscaled. `truncated` marks the last row of",
+        "an episode, a time limit; `terminated` is always false.",
+        "",
+        "```python",
+        "import pandas as pd",
+        'data = pd.read_parquet("data")',
+        "```",
+        "",
+        *how_to_make_again(spec),
+        "",
+    ]
+    if per_split := splits(spec):
+        lines += ["| split | episodes | rows |", "|---|---|---|"]
+        lines += [f"| {name} | {s.episodes:,} | {s.rows:,} |" for name, s in per_split.items()] + [""]
+    return "\n".join(lines)
 
 
-def _front_matter(spec: DatasetSpec, files: Sequence[FileEntry]) -> str:
+def _front_matter(spec: DatasetSpec, files: Sequence[FileEntry]) -> list[str]:
     hashes = hashlib.sha256("".join(file.sha256 for file in files).encode()).hexdigest()
     # Hugging Face keeps a copy of the rows by the text of the configurations, and looks at no file again.
     description = f"    description: files {hashes[:16]}"
@@ -159,7 +185,7 @@ def _front_matter(spec: DatasetSpec, files: Sequence[FileEntry]) -> str:
         if not disjoint:
             lines += [f"  - config_name: {yaml_name(name)}", description, "    data_files:"]
         lines += _data_files(name, own)
-    return "\n".join([*lines, "---", ""])
+    return [*lines, "---", ""]
 
 
 def _hub_name(split: str) -> str:
@@ -174,36 +200,6 @@ def _data_files(split: str, paths: Sequence[str]) -> list[str]:
         "        path:",
         *(f"          - {path}" for path in paths),
     ]
-
-
-def _text(spec: DatasetSpec, root: str) -> str:
-    lines = [
-        f"# {spec.name}",
-        "",
-        ABOUT,
-        "",
-        "| | |",
-        "|---|---|",
-        *(f"| {name} | {value} |" for name, value in facts(spec)),
-        f"| content root | `{root}` |",
-        "",
-        "A row is (o, a, o′, r) with the latent state; every column is described below. Rewards are",
-        "-consumption - 3·fatigue of the next observation, unscaled. `truncated` marks the last row of",
-        "an episode, a time limit; `terminated` is always false.",
-        "",
-        "```python",
-        "import pandas as pd",
-        'data = pd.read_parquet("data")',
-        "```",
-        "",
-        *how_to_make_again(spec),
-        "",
-    ]
-    per_split = splits(spec)
-    if per_split:
-        lines += ["| split | episodes | rows |", "|---|---|---|"]
-        lines += [f"| {name} | {s.episodes:,} | {s.rows:,} |" for name, s in per_split.items()] + [""]
-    return "\n".join(lines)
 
 
 def _behaviour(episodes: pa.Table, described: Info) -> Iterator[str]:

@@ -19,9 +19,8 @@ from ibdata.plan.columns import layout
 from ibdata.plan.consent import require_consent
 from ibdata.plan.dataset_spec import DatasetSpec
 
-COMPRESSED = (
-    0.65  # of the bytes of the numbers; for random and safe actions, much less for actions that repeat
-)
+# Of the bytes of the numbers; for random and safe actions, much less for actions that repeat.
+COMPRESSED = 0.65
 
 
 class Estimate(Tabular, dict[str, Any]):
@@ -96,6 +95,10 @@ def estimate(
 
 
 def _estimate(spec: DatasetSpec, place: Path | str, overwrite: bool) -> Estimate:
+    build, action = Build(place, spec, overwrite=overwrite), "open the finished dataset"
+    if not build.look():
+        finished = build.begun_shards()
+        action = f"go on after {counted(finished, 'finished shard')}" if finished else "make it"
     [experiment] = spec.experiments
     row_bytes = len(layout(experiment).names) * np.dtype(experiment.output.dtype).itemsize
     return Estimate(
@@ -105,13 +108,5 @@ def _estimate(spec: DatasetSpec, place: Path | str, overwrite: bool) -> Estimate
         rows=spec.rows,
         shards=len(spec.shards),
         bytes=round(COMPRESSED * row_bytes * spec.rows),
-        action=_action(spec, place, overwrite),
+        action=action,
     )
-
-
-def _action(spec: DatasetSpec, place: Path | str, overwrite: bool) -> str:
-    build = Build(place, spec, overwrite=overwrite)
-    if build.look():
-        return "open the finished dataset"
-    finished = build.begun_shards()
-    return f"go on after {counted(finished, 'finished shard')}" if finished else "make it"

@@ -45,7 +45,20 @@ class Folder:
         self._found: Path | None = None
 
     def refuse(self, overwrite: bool) -> None:
-        _refuse_folder(self._path, self.name)
+        path, here = self._path, Path.cwd()
+        manifest.refuse_inside(path)
+        manifest.refuse_name(Path(self.name).parts, self.name)
+        around = [each for each in (here, *here.parents) if str(each).lower() == str(path).lower()]
+        if path in around or (path.exists() and any(map(path.samefile, around))):  # macOS: names in any case
+            raise UsageError(f"{self.name}: is the current folder or around it; choose another {OUT}")
+        if os.path.ismount(path):
+            raise UsageError(
+                f"{self.name}: is a mount point, which cannot be replaced; choose a folder in it"
+            )
+        there = next(each for each in (path, *path.parents) if os.path.lexists(each))
+        if not there.is_dir():
+            where = "is" if there == path else "lies in"
+            raise UsageError(f"{self.name}: {where} a file, not a folder; choose another {OUT}")
         self._part.refuse_foreign()
 
     def found(self) -> Storage | None:
@@ -130,22 +143,6 @@ class Folder:
     def shown(self, files: Run | Storage) -> str:
         path = files.path if isinstance(files, Storage) else self._part.run
         return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
-
-
-def _refuse_folder(path: Path, name: str) -> None:
-    """Raise UsageError if no dataset can appear at a place by a rename."""
-    manifest.refuse_inside(path)
-    manifest.refuse_name(Path(name).parts, name)
-    here = Path.cwd()
-    around = [each for each in (here, *here.parents) if str(each).lower() == str(path).lower()]
-    if path in around or (path.exists() and any(map(path.samefile, around))):  # macOS has names in any case
-        raise UsageError(f"{name}: is the current folder or around it; choose another {OUT}")
-    if os.path.ismount(path):
-        raise UsageError(f"{name}: is a mount point, which cannot be replaced; choose a folder in it")
-    there = next(each for each in (path, *path.parents) if os.path.lexists(each))
-    if not there.is_dir():
-        where = "is" if there == path else "lies in"
-        raise UsageError(f"{name}: {where} a file, not a folder; choose another {OUT}")
 
 
 def _foreign_files(folder: Path, listed: Manifest) -> Iterator[Path]:

@@ -139,18 +139,13 @@ def _generate_one(
     build = Build(place, spec, overwrite=overwrite)
     if build.look(tidy=True):
         notice(f"{build.name}: already there; nothing was written")
-    else:
-        _make(build, engine, progress)
-    return Dataset(place)
-
-
-def _make(build: Build, engine: Engine, progress: Progress) -> None:
-    """Make a dataset, and publish it."""
-    with process_for(build.spec) as process:
+        return Dataset(place)
+    with process_for(spec) as process:
         record = process.call(observe)  # a signal may end the process: nothing is written yet
         with build.open(record):
-            _make_shards(build, build.spec.shards, process, engine, progress)
+            _make_shards(build, spec.shards, process, engine, progress)
             build.publish()
+    return Dataset(place)
 
 
 def _make_shards(
@@ -211,9 +206,8 @@ class PartMade(NamedTuple):
 
     def plain(self) -> dict[str, Any]:
         """The fields as plain data for JSON."""
-        fields = self._asdict()
-        del fields["folder"], fields["range"]
-        return {**fields, "out": str(self.folder), "range": self.range}
+        counts = {"shards": self.shards, "rows": self.rows, "missing": self.missing}
+        return {**counts, "out": str(self.folder), "range": self.range}
 
     def __repr__(self) -> str:
         left = "all shards are complete"

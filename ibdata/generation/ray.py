@@ -17,7 +17,7 @@ from ibdata._system import processes
 from ibdata._system.progress import unseen
 from ibdata._system.runs import Run
 from ibdata._system.signals import STOPPING, check
-from ibdata.errors import IbdataError, missing
+from ibdata.errors import IbdataError, missing, reason
 from ibdata.generation.process import Here, Process, WorkerTask
 from ibdata.generation.record import agree
 from ibdata.generation.workers import LOOK, make_shard
@@ -86,10 +86,8 @@ def _wait_for(ray: Any, future: Any, shard: Shard) -> None:
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None
     except ray.exceptions.RayError as error:
-        reason = (str(error).splitlines() or [""])[0][:200]
-        raise IbdataError(
-            f"{shard.stem}: Ray failed with {type(error).__name__}: {reason}; the same command goes on"
-        ) from None
+        what = f"{type(error).__name__}: {reason(error)}"
+        raise IbdataError(f"{shard.stem}: Ray failed with {what}; the same command goes on") from None
 
 
 def _own_workers(spec: DatasetSpec) -> dict[str, Any]:
@@ -132,13 +130,12 @@ def _connected(ray: Any, workers: int | None, address: str | None) -> Iterator[b
                 _knock(place)
                 ray.init(place, **quiet)
             except Exception as error:  # Ray raises whatever went wrong
-                reason = (str(error).splitlines() or [""])[0]
                 if place == "local":
-                    raise IbdataError(f"engine: ray: did not start on this machine ({reason})") from None
-                raise IbdataError(
-                    f"address: {place}: found no answer ({reason}), expected a running Ray; correct the "
-                    "address or leave it out"
-                ) from None
+                    problem = f"engine: ray: did not start on this machine ({reason(error)})"
+                else:
+                    problem = f"address: {place}: found no answer ({reason(error)}), expected a running Ray"
+                    problem += "; correct the address or leave it out"
+                raise IbdataError(problem) from None
         yield place == "local"
     finally:
         with _own_handlers():

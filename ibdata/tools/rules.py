@@ -114,13 +114,12 @@ def bounds(rows: Rows) -> Found:
 def indices(rows: Rows) -> Found:
     """Whole episodes follow one another, and steps count from 0 within each."""
     texts = {"episode": "the episode of episodes.table", "step": "steps from 0 within each episode"}
-    yield from _unlike(index_columns(rows.experiment, rows.episodes), texts, rows)
+    yield from _not_as_planned(rows, texts)
 
 
 def flags(rows: Rows) -> Found:
     """terminated is never set; truncated is set exactly on the last row of each episode."""
-    texts = {"terminated": "false", "truncated": "true on last rows only"}
-    yield from _unlike(index_columns(rows.experiment, rows.episodes), texts, rows)
+    yield from _not_as_planned(rows, {"terminated": "false", "truncated": "true on last rows only"})
 
 
 def policy(rows: Rows) -> Found:
@@ -241,8 +240,9 @@ def nulls(batch: pa.RecordBatch) -> Found:
             yield Broken(row, name, f"{name}: found null, expected a value", column.null_count)
 
 
-def _unlike(expected: Mapping[str, Array], texts: Mapping[str, str], rows: Rows) -> Found:
-    """The first row of each column that has other values than expected, which the texts say."""
+def _not_as_planned(rows: Rows, texts: Mapping[str, str]) -> Found:
+    """The first row of each of these columns that has other values than its text says."""
+    expected = index_columns(rows.experiment, rows.episodes)
     for name, text in texts.items():
         yield from _where(rows.columns[name] != expected[name], name, rows, text)
 
