@@ -177,12 +177,7 @@ class Remote(Storage):
     @property
     def part(self) -> Remote:
         """The hidden folder beside this one, in which a dataset for this place is made."""
-
-        def beside(path: str) -> str:
-            around, _, name = path.rpartition("/")
-            return f"{around}/.{name}.part"
-
-        return self._at(beside)
+        return self._at(lambda path: "{0}/.{2}.part".format(*path.rpartition("/")))
 
     def below(self, name: str) -> Remote:
         """The files in a folder of this one."""

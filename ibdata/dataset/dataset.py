@@ -34,7 +34,7 @@ from ibdata.dataset.transitions import (
     transitions,
     whole_episodes,
 )
-from ibdata.dataset.windows import Sizes, WindowFolder, Windows, in_folder, in_memory
+from ibdata.dataset.windows import Sizes, WindowFolder, Windows, fill_folder, in_memory
 from ibdata.errors import UsageError
 from ibdata.views.options import View, ViewOptions, view_of
 
@@ -260,7 +260,8 @@ class Dataset(SomeEpisodes):
             "view": options.plain(self.stored.info.drifting),
         }
         source = WindowFolder(local(folder).absolute(), description, sizes)
-        return Windows(in_folder(source, blocks), frame, history, drop, lost, source)
+        fill_folder(source, blocks)
+        return Windows(source, frame, history, drop, lost)
 
     def _transitions(self, options: ViewOptions, rows: int = BLOCK_ROWS) -> Iterator[Transitions]:
         """The transitions in order, those of whole episodes with about `rows` rows at a time.

@@ -88,11 +88,8 @@ def in_memory(sizes: Sizes, blocks: Iterable[Transitions]) -> WindowData:
     return stored
 
 
-def in_folder(source: WindowFolder, blocks: Iterable[Transitions]) -> WindowData:
-    """Map the values from files in a folder, which are written first if they are not there.
-
-    Raises UsageError if the folder holds anything else.
-    """
+def fill_folder(source: WindowFolder, blocks: Iterable[Transitions]) -> None:
+    """Write the values into the folder, unless it is there."""
     folder, description, sizes = source
     tidy(folder)
     if not os.path.exists(folder):  # a name may be too long to be looked for
@@ -107,7 +104,6 @@ def in_folder(source: WindowFolder, blocks: Iterable[Transitions]) -> WindowData
             if not target.exists():  # another process may have made it meanwhile
                 _write(part.folder / "windows", description, sizes, blocks)
                 part.place(part.folder / "windows")
-    return mapped(source)
 
 
 def mapped(source: WindowFolder) -> WindowData:
@@ -165,13 +161,6 @@ class Batch(Sequence[dict[str, Any]]):
         return {name: array[place] for name, array in self.arrays.items()}
 
 
-def _in_folder(
-    source: WindowFolder, frame: Sequence[str], history: int, drop: bool, left_out: int
-) -> Windows:
-    """The windows whose values are in a folder."""
-    return Windows(mapped(source), frame, history, drop, left_out, source)
-
-
 class Windows:
     """The transitions of a dataset with histories, which are gathered on access.
 
@@ -187,16 +176,11 @@ class Windows:
     """
 
     def __init__(
-        self,
-        stored: WindowData,
-        frame: Sequence[str],
-        history: int,
-        drop: bool,
-        left_out: int,
-        source: WindowFolder | None = None,
+        self, source: WindowData | WindowFolder, frame: Sequence[str], history: int, drop: bool, left_out: int
     ) -> None:
         self.frame, self.history, self.left_out = tuple(frame), history, left_out
-        self._stored, self._drop, self._source = stored, drop, source
+        self._source, self._drop = source, drop
+        self._stored = stored = mapped(source) if isinstance(source, WindowFolder) else source
         self._skipped = history - 1 if drop else 0  # transitions at the beginning of each episode
         lengths, frames = stored["lengths"], stored["frames"]
         self._starts = np.cumsum(lengths) - lengths
@@ -210,8 +194,7 @@ class Windows:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy for another process: the folder of the values if they are in one, else each value once."""
-        options = (self.frame, self.history, self._drop, self.left_out)
-        return (_in_folder, (self._source, *options)) if self._source else (Windows, (self._stored, *options))
+        return Windows, (self._source, self.frame, self.history, self._drop, self.left_out)
 
     def __len__(self) -> int:
         return int(self._stops[-1]) if len(self._stops) else 0

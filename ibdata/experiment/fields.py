@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from fractions import Fraction
 from functools import cached_property
@@ -130,12 +131,8 @@ def points_of(setpoints: Any) -> list[float]:
 
 def repeated(points: list[float]) -> str | None:
     """The problem if a setpoint occurs twice; None otherwise."""
-    seen: set[float] = set()
-    for point in points:
-        if point in seen:
-            return f"found {exact(point)} twice, expected each setpoint once"
-        seen.add(point)
-    return None
+    twice = [point for point, count in Counter(points).items() if count > 1]
+    return f"found {exact(twice[0])} twice, expected each setpoint once" if twice else None
 
 
 Setpoints = Annotated[

@@ -37,11 +37,7 @@ def library() -> Any:
 
 
 def make_shards(
-    process: Process,
-    shards: list[Shard],
-    run: Run,
-    workers: int | None,
-    address: str | None,
+    process: Process, shards: list[Shard], run: Run, workers: int | None, address: str | None
 ) -> Iterator[int]:
     """Make shards, and yield the number of each when it and its receipt are kept, in any order.
 

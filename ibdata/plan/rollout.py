@@ -164,11 +164,7 @@ def acting_in(experiment: Experiment, numbers: Ints) -> tuple[list[str], Ints]:
 
 
 def log_densities(
-    experiment: Experiment,
-    first: int,
-    stop: int,
-    observations: Float32s,
-    actions: Float32s,
+    experiment: Experiment, first: int, stop: int, observations: Float32s, actions: Float32s
 ) -> Floats:
     """The log densities (n, steps) of the actions of episodes first … stop - 1, all of one policy.
 

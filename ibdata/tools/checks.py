@@ -32,11 +32,7 @@ PIECE_ROWS = 100_000  # as a row group has, which then is a piece where it holds
 
 
 def check_shard(
-    spec: DatasetSpec,
-    shard: Shard,
-    files: Storage,
-    path: str,
-    advance: Advance = unseen,
+    spec: DatasetSpec, shard: Shard, files: Storage, path: str, advance: Advance = unseen
 ) -> tuple[ShardSummary | None, list[Problem]]:
     """Check the rows of a shard.
 
@@ -133,10 +129,7 @@ def _labels(column: pa.Array, labels: tuple[str, ...]) -> npt.NDArray[np.int32]:
 
 
 def metadata_problems(
-    stored: Stored,
-    spec: DatasetSpec,
-    written: list[WrittenShard],
-    is_whole: Callable[[str], bool],
+    stored: Stored, spec: DatasetSpec, written: list[WrittenShard], is_whole: Callable[[str], bool]
 ) -> Iterator[Problem]:
     """Compare the files in `meta` with those that follow from the experiments and the rows.
 

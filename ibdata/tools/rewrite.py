@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 
 import pyarrow as pa
 
@@ -16,7 +15,6 @@ from ibdata._system.storage import refuse_url
 from ibdata.dataset import manifest
 from ibdata.dataset.dataset import Dataset
 from ibdata.dataset.episodes import BLOCK_ROWS
-from ibdata.dataset.models import Manifest
 from ibdata.errors import BusyError, DatasetError, IbdataError, notice
 from ibdata.experiment import Experiment
 from ibdata.generation import metadata
@@ -100,20 +98,15 @@ def relabel(dataset: Dataset, before: DatasetSpec, spec: DatasetSpec) -> Dataset
         dataset.stored.refuse_replaced()
         if spec_in(dataset.stored).later != before.later:
             raise BusyError(f"{dataset.place}: got other splits meanwhile; split it again")
-        _write_card(dataset.path, before, spec, listed)  # first, for it may call all rows `train`
+        file, text = dataset.path / manifest.CARD, None  # first, for it may call all rows `train`
+        with suppress(OSError):  # it is missing, or no file
+            text = with_splits_of(spec, before, plain_bytes(file), listed)
+        if text is not None:
+            write(dataset.path, manifest.CARD, text)
+        else:
+            notice(
+                f"{file}: found other text than ibdata writes, so it does not name these splits, and "
+                f"load_dataset may call all rows train; ibdata card {dataset.path} --overwrite replaces it"
+            )
         write(dataset.path, manifest.SPLITS, metadata.splits_file(spec))
     return Dataset(dataset)
-
-
-def _write_card(folder: Path, before: DatasetSpec, spec: DatasetSpec, listed: Manifest) -> None:
-    file = folder / manifest.CARD
-    text = None
-    with suppress(OSError):  # it is missing, or no file
-        text = with_splits_of(spec, before, plain_bytes(file), listed)
-    if text is None:
-        notice(
-            f"{file}: found other text than ibdata writes, so it does not name these splits, and "
-            f"load_dataset may call all rows train; ibdata card {folder} --overwrite replaces it"
-        )
-    else:
-        write(folder, manifest.CARD, text)

@@ -189,6 +189,11 @@ def test_every_rule_has_a_case_that_breaks_it():
     assert {rule for *_, rule in (*BROKEN, *LATE)} == set(RULES)
 
 
+def test_validate_says_which_rules_it_checks():
+    said = " ".join(validate.__doc__.split())
+    assert f"schema, no nulls, {', '.join(RULES)}." in said
+
+
 @pytest.mark.parametrize(("number", "name", "rule"), LATE)
 def test_a_wrong_answer_of_a_policy_late_in_an_episode_is_found(made, tmp_path, number, name, rule):
     spec, row = spec_in(made.stored), number * 6 * STEPS + 17
