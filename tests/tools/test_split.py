@@ -198,7 +198,7 @@ def laters(spec, splits):
     """The episodes of splits that are made later."""
     runs = replace(spec, later=splits).later_runs()
     every = episodes_of(spec)
-    return {name: {e for run in own for e in every[run.first : run.stop]} for name, own in runs.items()}
+    return {name: {e for first, stop, _ in own for e in every[first:stop]} for name, own in runs.items()}
 
 
 def drawn(rng, points, n):
