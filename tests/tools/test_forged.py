@@ -77,6 +77,13 @@ def test_metadata_that_do_not_follow_are_named(copied):
         path.write_bytes(whole)
 
 
+def test_metadata_of_another_form_are_named(copied):
+    (copied / manifest.CROISSANT).write_text("[1]")
+    seal(copied)
+    (problem,) = validate(copied)
+    assert (problem.path, problem.rule) == (manifest.CROISSANT, "metadata")
+
+
 SPLITS = {
     "rows": lambda s: s["source"].update(rows=1),
     "episodes of a later split": lambda s: s["train"].update(runs=[[0, 8]], episodes=8, rows=320),
