@@ -88,11 +88,14 @@ def _scored(returns: Returns, measures: Mapping[str, float | None]) -> list[str]
     lines = [as_text(Table(names, rows[:MAX_LINES]))]
     if len(rows) > MAX_LINES:
         lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")
-    none = "no score: reference returns are stored for siemens and paper, three starts and mostly 1000 steps"
+    none = (
+        "no score: reference returns are stored for siemens and paper, three starts and mostly 1000 steps; "
+    )
+    none += "ibdata evaluate has scores for all"
     lines.append(f"score: {returns['scale']}; one episode has none" if returns["scale"] else none)
     for name, value in measures.items():
         if value is not None:
-            lines.append(f"{name.replace('_', ' ')}: {value:.2f}, {MEANING[name]}")
+            lines.append(f"{name.replace('_', ' ')}: {value:.2f} ({MEANING[name]})")
     return lines
 
 

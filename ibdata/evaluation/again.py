@@ -40,7 +40,7 @@ class _Recorded(_Record):
 
 class _Saved(_Record):
     layout: Literal["ibdata-table-1"]
-    content_root: Sha256 | None
+    set_content_root: Sha256 | None
     settings: dict[str, Any]
     groups: dict[str, list[_Recorded]]
     algorithms: list[dict[str, str | float | None]]
@@ -130,8 +130,8 @@ def _mappings(value: Any) -> Iterator[dict[str, Any]]:
 
 
 def _problems(saved: _Saved, recorded: Sequence[_Recorded], found: Evaluation) -> Iterator[str]:
-    if (root := set_root(found)) != saved.content_root:
-        yield f"content root: found {root}, expected {saved.content_root}"
+    if (root := set_root(found)) != saved.set_content_root:
+        yield f"content root of the set: found {root}, expected {saved.set_content_root}"
     members = [pair for policies in found.groups.values() for pair in policies.items()]
     only_code_differs = False
     for (label, policy), each, returns in zip(members, recorded, found.returns, strict=True):

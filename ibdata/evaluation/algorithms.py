@@ -88,7 +88,7 @@ class Difference(NamedTuple):
         setpoint: the setpoint; None for all setpoints.
         mean_difference: the mean return of `policy` minus that of `minus`, which is printed as "difference";
             above 0, `policy` is better.
-        standard_error: the standard error of `mean_difference`; the episodes are paired.
+        standard_error: that of `mean_difference` over the episodes, which are paired, for these trainings.
         interval: the 95 % interval of `mean_difference` for new episodes. Where algorithms are compared, it
             is for new trainings too, and None for a label of one training.
     """
@@ -177,8 +177,8 @@ NARROW = 7  # columns for which a terminal has room
 HEADINGS = {YOURS: "yours", KNOWN: "known policies"}
 
 
-def printed(lines: Sequence[Algorithm], wide: bool = False) -> Table:
-    """The lines over all setpoints, those of each source below a heading, for a terminal or for a paper."""
+def printed(lines: Sequence[Algorithm], wide: bool) -> Table:
+    """The lines over all setpoints, those of each source below a heading; not `wide` has room in a paper."""
     lines = [line for line in lines if line.setpoint == lines[-1].setpoint]
     of = dict(zip(Algorithm._fields, map(list, zip(*lines, strict=True)), strict=True))
     decimals = _decimals(of["mean_return"])
@@ -202,12 +202,12 @@ def printed(lines: Sequence[Algorithm], wide: bool = False) -> Table:
     cells = zip(of["source"], zip(*(columns[name] for name in names), strict=True), strict=True)
     for source, of_source in groupby(cells, lambda pair: str(pair[0])):
         rows += [HEADINGS.get(source, f"trained on {source}"), *(row for _, row in of_source)]
-    table = Table(names, rows, most=None)
-    return table if wide else table.fitting("score", *ENDS)
+    return Table(names, rows, most=None)
 
 
 def differences_printed(differences: Sequence[Difference]) -> Table:
-    """Differences of labels with half the width of their intervals."""
+    """Differences of labels over all setpoints, with half the width of their intervals."""
+    differences = [x for x in differences if x.setpoint == differences[-1].setpoint]
     halves = [x.interval and (x.interval[1] - x.interval[0]) / 2.0 for x in differences]
     around = _around([x.mean_difference for x in differences], halves)
     rows = [[x.policy, x.minus, text] for x, text in zip(differences, around, strict=True)]

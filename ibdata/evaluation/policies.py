@@ -45,29 +45,44 @@ def policies_of(policies: Any, history: int | Mapping[str, int] = 1, allow_code:
     """Return the policies that a user gave. Of equal labels, the later policies get -2, -3, …
 
     A user gives what `as_policy` takes, a mapping of labels to that or to lists of it, or a list of both, and
-    the history for all or by label. Policies with one label are trainings of one algorithm.
+    the history for all or by label. Policies with one label are trainings of one algorithm, and have the
+    names of their files beside it, or numbers.
     """
     lengths, common = (history, 1) if isinstance(history, Mapping) else ({}, history)
-    parsed = [(label, *_parsed(argument, common, allow_code)) for label, argument in _labelled(policies)]
-    labels = unequal(label or policy.label for label, policy, _ in parsed)
-    groups: dict[str, list[str]] = {}
-    first: dict[str, str] = {}
-    for name, (label, _, _) in zip(labels, parsed, strict=True):
-        groups.setdefault(first.setdefault(label, name) if label else name, []).append(name)
-    takes = {label for label, (_, _, takes_history) in zip(labels, parsed, strict=True) if takes_history}
-    taking = [label for label, members in groups.items() if takes.intersection(members)]
+    given: dict[str | int, list[tuple[Policy, bool]]] = {}
+    for number, (label, argument) in enumerate(_labelled(policies)):
+        given.setdefault(label or number, []).append(_parsed(argument, common, allow_code))
+    labels = unequal(x if isinstance(x, str) else members[0][0].label for x, members in given.items())
+    taking = [
+        label
+        for label, members in zip(labels, given.values(), strict=True)
+        if any(takes for _, takes in members)
+    ]
     _refuse_unused(common, bool(taking))
     for label in lengths.keys() - taking:
         expected = f"one of {', '.join(taking)}" if taking else "no label"
         raise UsageError(f"history: found {label!r}, expected {expected}: others set their own number")
-    by_label = {label: policy.labelled(label) for label, (_, policy, _) in zip(labels, parsed, strict=True)}
-    for group, length in lengths.items():
-        for label in takes.intersection(groups[group]):
-            block = {**by_label[label].options(), "name": None, "history": length}
-            by_label[label] = block_policy(block, f"history: {group}").labelled(label)
-    for label, members in groups.items():
-        _refuse_mixed(label, [by_label[member] for member in members])
-    return Given({member: by_label[member] for members in groups.values() for member in members}, groups)
+    named, groups = dict[str, Policy](), dict[str, list[str]]()
+    for label, members in zip(labels, given.values(), strict=True):
+        trainings = [
+            _with_history(policy, label, lengths[label]) if takes and label in lengths else policy
+            for policy, takes in members
+        ]
+        _refuse_mixed(label, trainings)
+        names = [f"{label} ({_training(policy, i)})" for i, policy in enumerate(trainings, 1)]
+        groups[label] = unequal(names) if len(names) > 1 else [label]
+        named |= {name: policy.labelled(name) for name, policy in zip(groups[label], trainings, strict=True)}
+    return Given(named, groups)
+
+
+def _with_history(policy: Policy, label: str, length: int) -> Policy:
+    """An object's policy that sees another number of observations."""
+    return block_policy({**policy.options(), "name": None, "history": length}, f"history: {label}")
+
+
+def _training(policy: Policy, number: int) -> str:
+    """What tells a training from the others of its label: the name of its network's file, or a number."""
+    return next((Path(x.weights.file).stem for x in policy.everywhere(Network)), str(number))
 
 
 def is_trained(policy: Policy) -> bool:

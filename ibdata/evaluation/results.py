@@ -18,6 +18,7 @@ from ibdata._numerics.naming import exact
 from ibdata.dataset.reference_returns import EXPERT, HUNDRED, ZERO
 from ibdata.dataset.tabular import Table, Tabular
 from ibdata.evaluation.algorithms import (
+    ENDS,
     Algorithm,
     LineReturns,
     columns_by_setpoint,
@@ -142,11 +143,12 @@ class Evaluation(Tabular):
         has_costs = any(result.mean_cost is not None for result in self.results)
         shown = [_shown(self.results, wide)] if wide or has_costs or not self.compares else []
         if self.compares:
-            shown.append(printed(self.algorithms, wide))
-        if self.differences and (wide or not self.compares):
+            table = printed(self.algorithms, wide)
+            shown.append(table if wide else table.fitting("score", *ENDS))
+            if differences := [x for x in self.differences if wide or x.minus in self.groups]:
+                shown.append(differences_printed(differences))
+        elif self.differences:
             shown.append(_shown(self.differences, wide))
-        elif own := [x for x in self.differences if x.minus in self.groups]:
-            shown.append(differences_printed([x for x in own if x.setpoint == own[-1].setpoint]))
         at = -1 if self.compares else 0
         shown[at] = shown[at]._replace(notes=self.said)
         return shown

@@ -46,19 +46,23 @@ def save(found: Evaluation, place: Path) -> None:
 
 
 def _latex(found: Evaluation) -> str:
-    table, text, number = printed(found.algorithms, wide=True), str.maketrans(TEXT), str.maketrans(NUMBER)
+    table, text, number = printed(found.algorithms, wide=False), str.maketrans(TEXT), str.maketrans(NUMBER)
     count = len(table.names)
     lines = [f"% {printable(note)}" for note in found.said]
-    lines += [rf"\begin{{tabular}}{{l{'r' * (count - 1)}}}", r"\toprule"]
+    lines += [
+        r"\begingroup \setlength{\tabcolsep}{4pt}",
+        rf"\begin{{tabular}}{{@{{}}l{'r' * (count - 1)}@{{}}}}",
+    ]
+    lines.append(r"\toprule")
     for row in [list(table.names), *cells_of(table)]:
         if isinstance(row, str):
-            lines.append(rf"\midrule \multicolumn{{{count}}}{{l}}{{\emph{{{row.translate(text)}}}}} \\")
+            lines.append(rf"\midrule \multicolumn{{{count}}}{{@{{}}l}}{{\emph{{{row.translate(text)}}}}} \\")
         else:
             label, *numbers = row
             lines.append(
                 " & ".join([label.translate(text), *(x.translate(number) for x in numbers)]) + r" \\"
             )
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular} \endgroup", ""])
 
 
 def _markdown(found: Evaluation) -> str:
@@ -93,7 +97,7 @@ def _json(found: Evaluation) -> str:
     record = {
         "layout": TABLE_LAYOUT,
         "version": __version__,
-        "content_root": set_root(found),
+        "set_content_root": set_root(found),
         "groups": groups,
     }
     return json.dumps({**record, "settings": found.settings, **found.plain()}, indent=1, allow_nan=False)

@@ -213,7 +213,7 @@ def test_the_list_of_networks(run, beside):
     assert [x["name"] for x in agents] == [x["name"] for x in networks if x["name"].startswith("random-")]
     [first] = [x for x in agents if x["name"] == NAME]
     assert (first["set"], first["algorithm"], first["seed"]) == ("random", "bc", 0)
-    expected = next(x.score for x in beside.results if (x.policy, x.setpoint) == ("mine", None))
+    expected = next(x.score for x in beside.results if (x.policy, x.setpoint) == (f"mine ({NAME})", None))
     assert first["score"] == pytest.approx(expected, abs=1e-4)
     assert re.search(rf"^    {NAME} \(score \d+\.\d\): bc, seed 0", run("config", "policies")[1], re.M)
 

@@ -199,7 +199,7 @@ def test_a_scaler_that_saw_one_setpoint(runs):
     one = metadata_of(mean="[70, 49, 50, 49, 37, 166]", std="[0.001, 12, 30, 29, 31, 139]")
     (runs / "one.safetensors").write_bytes(written(tensors(seed=7), one))
     found = evaluate({"iql": [files("iql")[0], "runs/one.safetensors"]}, **SHORT)
-    notes = [note for note in found.notes if note.startswith("iql-2: ") and "20" in note]
+    notes = [note for note in found.notes if note.startswith("iql (one): ") and "20" in note]
     assert notes
     for ending in (".tex", ".md", ".json"):
         assert notes[0][:40] in found.save(runs / f"t{ending}").read_text()
@@ -288,7 +288,8 @@ def test_saved_as_people_need_it(runs):
     latex = found.save(runs / "t.tex").read_text()
     assert r"iql\_a & 3 & $-$" in latex
     assert r"50 \% \& more & 1 & " in latex
-    assert r"& score & $-$ optimized &" in latex
+    assert r"& score & $-$ optimized \\" in latex
+    assert "| spread | error |" in (found.save(runs / "wide.md").read_text())
     assert re.search(r"\$\\pm\$ +-- &", latex)
     body = latex[latex.index(r"\toprule") :]
     assert not any(bad in body for bad in ("–", "−", "±"))
@@ -373,8 +374,8 @@ GROUP = ("groups", "iql", 0)
 FORGED = [
     (("algorithms", 2, "mean_return"), -1.5, 3, "iql: mean_return: found -"),
     (("algorithms", 3, "score"), 99.0, 3, "gaussian: score: found"),
-    ((*GROUP, "returns_sha256"), "0" * 64, 3, "iql: found other returns, with the mean -"),
-    (("content_root",), "0" * 64, 3, "content root: found None, expected 000"),
+    ((*GROUP, "returns_sha256"), "0" * 64, 3, "iql (iql-0): found other returns, with the mean -"),
+    (("set_content_root",), "0" * 64, 3, "content root of the set: found None, expected 000"),
 ]  # fmt: skip
 
 
@@ -450,5 +451,17 @@ def test_a_table_of_a_set_again(runs, run):
     """Somebody saves a comparison with a set. It holds the content root, and is the same again."""
     words = ("iql=runs/iql-[01]*", "--against", "transfer", "--save", "runs/t.json", "-q")
     assert run("evaluate", *words)[0] == 0
-    assert len(json.loads((runs / "t.json").read_text())["content_root"]) == 64
+    assert len(json.loads((runs / "t.json").read_text())["set_content_root"]) == 64
     assert run("evaluate", "--again", "runs/t.json", "-q")[0] == 0
+
+
+def test_the_seeds_of_a_label_by_their_files(runs, run):
+    """Somebody looks for the worst seed. Its line has the name of its file, or its number in the call."""
+    found = evaluate({"iql": files("iql")[1:], "its": [Turning(0.1), Turning(0.2)]}, **SHORT)
+    names = dict.fromkeys(result.policy for result in found.results)
+    assert list(names) == ["iql (iql-1)", "iql (iql-2)", "its (1)", "its (2)"]
+    alone = evaluate("runs/iql-2.safetensors", **SHORT).results[-1]
+    assert [x.mean_return for x in found.results if x.policy == "iql (iql-2)"][-1] == alone.mean_return
+    printed = command(run, "iql=runs/iql-*.safetensors", "its=runs/bc-0.safetensors", "--wide")[1]
+    assert "\niql (iql-0) " in printed
+    assert printed.count("its    iql ") == 1  # differences are over all setpoints, as `label minus`

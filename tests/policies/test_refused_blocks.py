@@ -27,7 +27,7 @@ REFUSED = [  # the block, the column, and the message
     ("sampled, base: {kind: network, file: actor.safetensors}, share: 0.5",
      "27: policies.0.base: found weights without log_std, with which only kind: network works"),
     ("gaussian, base: {kind: random}, scale: 0.1",
-     "35: policies.0.base.kind: found 'random', expected one of bad, constant, "),
+     "35: policies.0.base.kind: found 'random', expected a policy that draws nothing: one of bad, "),
     ("gaussian, base: {kind: custom, target: 'a:b'}, scale: 0.1",
      "28: policies.0.base: found custom without deterministic: true, expected a policy that draws nothing"),
     ("network, file: no.safetensors",
