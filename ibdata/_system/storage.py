@@ -160,6 +160,14 @@ class Remote(Storage):
             raise self.error(folder, f"cannot be listed: {reason(error)}") from None
         return sorted(info.base_name + "/" * (not info.is_file) for info in infos)
 
+    @property
+    def exists(self) -> bool:
+        """Whether something is at the URL, or it is that of a bucket."""
+        from pyarrow.fs import FileType
+
+        with plain_errors():
+            return bool(self._files.get_file_info(self._base).type != FileType.NotFound)
+
     def sizes(self) -> dict[str, int]:
         """The bytes of every file at the URL, by its path."""
         base, infos = self._base.strip("/"), self._infos(self._base, recursive=True)

@@ -238,7 +238,7 @@ class Build:
             self._place.clear(self.run)
 
     def _gather(self, closely: bool) -> None:
-        record, remedy = self._record, f"run the same command again, or make them with {SHARDS}"
+        record, remedy = self._record, f"ibdata generate makes them, as before, alone or with {SHARDS}"
         assert record is not None
         written = all_written(self.run, self.spec.shards, self.name, remedy, closely)
         documents = finish(self.spec, written, record.reproducible, record.code, record.clipped)

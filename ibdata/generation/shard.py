@@ -212,7 +212,7 @@ def all_written(
     whole = finished_shards(run, shards, closely)
     if len(whole) < len(shards):
         known = {written.shard.number for written in whole}
-        lost = [str(shard.number) for shard in shards if shard.number not in known]
+        lost = [shard.stem for shard in shards if shard.number not in known]
         more = f" and {len(lost) - MOST} more" if len(lost) > MOST else ""
         count = f"{len(lost)} of {len(shards)} shards are missing or damaged"
         raise IbdataError(f"{place}: {count}: {', '.join(lost[:MOST])}{more}; {remedy}")

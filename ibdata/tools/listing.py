@@ -15,7 +15,7 @@ from ibdata._system.storage import Remote, Storage, local, url_of
 from ibdata.dataset import manifest
 from ibdata.dataset.stored import Stored
 from ibdata.dataset.tabular import Table, Tabular
-from ibdata.errors import DatasetError, IbdataError, UsageError, public_url
+from ibdata.errors import DatasetError, IbdataError, UsageError
 from ibdata.generation.record import Record
 from ibdata.plan.dataset_spec import DatasetSpec, declared_spec
 
@@ -92,11 +92,14 @@ def datasets_in(folder: str | os.PathLike[str]) -> Listing:
         folder: The folder, or a URL; it may itself be a dataset.
 
     Raises:
-        UsageError: There is no such folder.
+        UsageError: There is no such folder or bucket.
     """
     if url := url_of(folder):
         files = Remote(url)
-        return Listing(public_url(url), [*_unfinished_at(files), *_in_store(files)])
+        datasets = [*_unfinished_at(files), *_in_store(files)]
+        if not datasets and not files.exists:
+            raise UsageError(f"{files.name}: found nothing here, expected a bucket to look for datasets in")
+        return Listing(files.name, datasets)
     root = local(folder)
     if not os.path.isdir(root):
         raise UsageError(f"{root}: found no folder here, expected one to look for datasets in")
