@@ -184,8 +184,7 @@ class Lane(Simulation):
         drifting, view = settings.world.drifting, settings.view
         self.draws = DYNAMICS_SLOTS + DRIFT_SLOTS * drifting  # random integers of a step
         self._parameters = settings.world.parameters
-        is_rewarded_plainly = view.reward.kind == "classic" and view.reward_scale == 1
-        self._plain = view.is_classic and is_rewarded_plainly and view.cost is None
+        self._plain = view.is_classic and not view.changed().keys() - {"observe"}
         names = (*hidden_variables(drifting), "reward")
         self._rows, self._out = record_rows(names), np.zeros(len(names))
         self._types = "".join("q" if VARIABLES[name].whole else "d" for name in names)

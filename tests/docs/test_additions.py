@@ -5,9 +5,11 @@ from __future__ import annotations
 import inspect
 import re
 
+import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.policies import BLOCKS
+from helpers.views import VIEWS
 
 import ibdata
 from ibdata.cli import MODULES
@@ -17,6 +19,7 @@ from ibdata.dataset.transitions import BESIDE
 from ibdata.experiment.fields import Output
 from ibdata.generation import metadata
 from ibdata.generation.workers import ENGINES
+from ibdata.plan import rollout
 from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.policies import POLICIES
 from ibdata.tools.split_schemes import SCHEMES
@@ -53,6 +56,7 @@ def test_every_kind_of_policy_is_among_the_blocks_that_are_tested():
 
 def test_every_scheme_of_splits_is_on_the_python_page():
     assert [x for x in SCHEMES.values() if f"::: {x.__module__}.{x.__name__}\n" not in PAGES["api.md"]] == []
+    assert [word for word in SCHEMES if f"\n| `{word}` |" not in PAGES["datasets.md"]] == []
 
 
 def test_every_engine_is_on_the_page():
@@ -64,6 +68,42 @@ def test_an_option_of_a_view_is_on_its_page_in_exports_and_on_the_command_line(o
     assert f"\n| `{option}` |" in PAGES["views.md"]
     assert view_options(**{option: CHANGED[option]}).plain(False) != PLAIN.plain(False)
     assert option in VIEW
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    """A dataset with what every view needs."""
+    output = {"latent": "next"}
+    plain = {"name": "x", "setpoints": 70, "policies": ["random"], "steps": 20, "output": output}
+    return ibdata.generate(plain, tmp_path_factory.mktemp("rows") / "x")
+
+
+@pytest.mark.parametrize("option", inspect.signature(view_options).parameters)
+def test_an_option_of_a_view_has_an_effect_which_the_environment_shows_too(rows, option):
+    plain, changed = rows.arrays(), rows.arrays(view={option: CHANGED[option]})
+    assert changed.keys() != plain.keys() or any(
+        not np.array_equal(changed[name], plain[name]) for name in ("observations", "rewards")
+    )
+    assert any(option in view for view in VIEWS)  # which are replayed
+
+
+@pytest.mark.parametrize("latent", [True, "full", "next"])
+@pytest.mark.parametrize("setpoints", [70, "drifting"])
+def test_every_column_has_values(latent, setpoints, monkeypatch):
+    """What nobody writes stays NaN here, and would be anything otherwise."""
+    empty = rollout.TableBuffer.table
+
+    def nowhere(self, shape, dtype):
+        table = empty(self, shape, dtype)
+        table[:] = np.nan
+        return table
+
+    monkeypatch.setattr(rollout.TableBuffer, "table", nowhere)
+    options = {name: True for name, field in Output.model_fields.items() if field.annotation is bool}
+    plain = {"name": "x", "setpoints": setpoints, "policies": ["random"], "steps": 7}
+    experiment = ibdata.Experiment.model_validate(plain | {"output": {"latent": latent, **options}})
+    made = rollout.rollout(experiment, 0, 1)
+    assert [name for name, row in zip(made.names, made.table, strict=True) if np.isnan(row).any()] == []
 
 
 @pytest.mark.parametrize(

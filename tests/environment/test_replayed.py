@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers import by_hand
+from helpers.views import VIEWS
 
 import ibdata
 from ibdata.environment.replayed import Replay
@@ -83,26 +84,7 @@ def test_the_actions_of_an_episode_give_its_rows_bit_for_bit(played):
         check_rows(lane, noise, rows)
 
 
-@pytest.mark.parametrize(
-    "view",
-    [
-        {"observe": "markov", "reward_scale": 0.01, "cost": "runaway"},
-        {"observe": ["latent_mu_g", "obs_fatigue"], "reward": {"consumption": 1, "fatigue": 1}},
-        {
-            "actions": True,
-            "cost": {"fatigue": 40},
-            "reward": "delta",
-            "reward_scale": 0.1,
-            "imperfections": {
-                "delay": {"obs_fatigue": 3},
-                "noise": {"obs_consumption": 5.0},
-                "missing": {"obs_consumption": 0.3, "obs_gain": 0.1},
-                "mask": True,
-                "seed": 4,
-            },
-        },
-    ],
-)
+@pytest.mark.parametrize("view", VIEWS)
 def test_a_replay_through_a_view_shows_its_rows(played, view):
     """After a burn-in, frames of it stand where the dataset, which does not have them, repeats a row."""
     burnt_in = not isinstance(by_hand.experiment_of(played).start, str)

@@ -105,7 +105,10 @@ def test_missing_and_damaged_shards_are_named(shard_file):
     shard = folder / shard_file(folder, 1)
     shard.write_bytes(bytes(shard.stat().st_size))
     before = contents()
-    with pytest.raises(IbdataError, match=r"^out: 8 of 10 shards are missing or damaged: data/part-00001, data/part-00003, .*; ibdata gen"):
+    with pytest.raises(
+        IbdataError,
+        match=r"^out: 8 of 10 shards are missing or damaged: data/part-00001, data/part-00003, .*; ibdata gen",
+    ):
         ibdata.finalize("out")
     assert contents() == before
     make("1/3", "2/3", "3/3")

@@ -52,7 +52,8 @@ def test_a_lost_shard_is_an_error_and_the_run_goes_on(tiny, files, monkeypatch, 
     with monkeypatch.context() as broken:
         lose(broken)
         with pytest.raises(
-            IbdataError, match=r"^out: 1 of 4 shards are missing or damaged: data/part-00002; ibdata generate makes"
+            IbdataError,
+            match=r"^out: 1 of 4 shards are missing or damaged: data/part-00002; ibdata generate makes",
         ) as e:
             ibdata.generate(TINY, "out", workers=1)
     assert (e.value.exit_code, Path("out").exists()) == (1, False)
