@@ -107,7 +107,7 @@ def test_missing_and_damaged_shards_are_named(shard_file):
     before = contents()
     with pytest.raises(
         IbdataError,
-        match=r"^out: 8 of 10 shards are missing or damaged: data/part-00001, data/part-00003, .*; ibdata gen",
+        match=r"^out: 8 of 10 shards are missing or damaged: data/part-00001, data/part-00003, .*; ibdata",
     ):
         ibdata.finalize("out")
     assert contents() == before
