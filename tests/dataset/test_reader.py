@@ -1,4 +1,4 @@
-"""Reading a dataset: tables, batches, and arrays with histories."""
+"""Reading a dataset: what it is, rows from one on, files that pandas reads, and what is refused."""
 
 import json
 import os
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from helpers import python
@@ -16,10 +15,6 @@ import ibdata
 from ibdata.errors import UsageError
 
 pytestmark = pytest.mark.portable
-
-OBSERVATION = ("setpoint", "velocity", "gain", "shift", "fatigue", "consumption")
-SPLITS = {None: 480, "target": 160}
-splits = pytest.mark.parametrize("split", SPLITS)
 
 ONLY_READING = """
 import sys, ibdata
@@ -47,55 +42,10 @@ def test_a_dataset_says_what_it_is(dataset, monkeypatch):
     assert dataset.episodes["episode"].tolist() == list(range(12))
 
 
-@splits
-def test_a_table_holds_the_rows_of_the_files_in_order(dataset, split):
-    table = dataset.table(split=split)
-    shards = dataset.manifest["shards"]
-    paths = [shard["path"] for shard in shards if split is None or split in shard["splits"]]
-    parts = [pq.read_table(dataset.path / "data" / Path(path).name) for path in paths]
-    assert table.num_rows == SPLITS[split]
-    assert table.to_pylist() == pa.concat_tables(parts).to_pylist()
-    assert dataset.to_pandas(split=split).reset_index(drop=True).equals(table.to_pandas())
-
-
-@splits
-def test_batches_are_the_rows_in_order_and_not_too_long(dataset, split):
+def test_batches_are_not_too_long(dataset):
     for batch_rows in (1, 33, 2**70):
-        batches = list(dataset.iter_batches(["episode", "step", "reward"], split, batch_rows))
-        assert max(batch.num_rows for batch in batches) <= min(batch_rows, 80)
-        made = pa.Table.from_batches(batches)
-        assert made.equals(dataset.table(["episode", "step", "reward"], split).cast(made.schema))
-
-
-def stacked_naively(rows, prefix, i, history):
-    """The newest frame of row i from its own columns, older ones from the rows before it."""
-    frames = [rows[i][f"{prefix}{name}"] for name in OBSERVATION]
-    t = rows[i]["step"]
-    older = range(1, history) if prefix == "obs_" else range(history - 1)
-    for lag in older:
-        frames += [rows[i - min(lag, t)][f"obs_{name}"] for name in OBSERVATION]
-    return frames
-
-
-@pytest.mark.parametrize(("history", "split"), [(1, "target"), (3, None), (50, "target")])
-def test_histories_are_newest_first_and_of_one_episode(dataset, history, split):
-    arrays = dataset.arrays(history, split)
-    rows = dataset.table(split=split).to_pylist()
-    assert arrays["observations"].shape == arrays["next_observations"].shape == (SPLITS[split], 6 * history)
-    assert arrays["observations"].dtype == np.float32
-    for i in range(SPLITS[split]):
-        assert arrays["observations"][i].tolist() == stacked_naively(rows, "obs_", i, history)
-        assert arrays["next_observations"][i].tolist() == stacked_naively(rows, "next_obs_", i, history)
-
-
-def test_rows_without_a_full_history_can_be_left_out(dataset):
-    whole, padded = dataset.arrays(4, "target", pad="drop"), dataset.arrays(4, "target")
-    kept = padded["step"] >= 3
-    assert list(whole) == list(padded)
-    assert len(whole["rewards"]) < len(padded["rewards"])
-    for name, array in whole.items():
-        np.testing.assert_array_equal(array, padded[name][kept])
-    assert len(dataset.arrays(1, pad="drop")["rewards"]) == 480
+        counts = [batch.num_rows for batch in dataset.iter_batches(["step"], batch_rows=batch_rows)]
+        assert (sum(counts), max(counts) <= min(batch_rows, 80)) == (480, True)
 
 
 def test_head_reads_on_from_a_row_to_the_end(dataset):
@@ -112,6 +62,18 @@ REFUSED = [
     (lambda d: list(d.iter_batches(batch_rows=0)), "batch_rows: found 0, expected a whole number"),
     (lambda d: d.arrays(-3), "history: found -3, expected a whole number of at least 1"),
     (lambda d: d.arrays(2, pad="zero"), "pad: found 'zero', expected repeat or drop"),
+    (
+        lambda d: d.arrays(view={"observe": ["latent_penalty"]}),
+        "observe: found latent_penalty, expected columns of",
+    ),
+    (
+        lambda d: d.arrays(view={"observe": ["latent_drift_rate"]}),
+        "observe: found latent_drift_rate, expected",
+    ),
+    (
+        lambda d: d.iter_batches(["reward"], view={"observe": "markov"}),
+        "columns: found columns beside a view",
+    ),
     (lambda d: d.head(at=(99, 0)), "at: found"),
     (lambda d: d.head(at=(0, 40)), "at: found"),
     (lambda d: d.head(at=3), "at: found"),
@@ -152,22 +114,10 @@ def test_reading_imports_neither_the_simulator_nor_a_policy(dataset):
     assert (child.returncode, child.stderr) == (0, "")
 
 
-TYPES = {"episode": np.int64, "step": np.int32, "truncated": np.bool_, "terminated": np.bool_}
-TYPES |= dict.fromkeys(["obs_fatigue", "reward", "latent_mu_v"])
-FATIGUE = 40.0
-
-
-def test_pandas_finds_the_values_of_ibdata_bit_for_bit(either):
-    """And a filter keeps the right rows, whatever it takes from the statistics of a file."""
-    rows, table = pd.read_parquet(either.path / "data"), either.table()
-    filters = [("obs_setpoint", ">", 60), ("obs_fatigue", ">", FATIGUE)]
-    filtered = pd.read_parquet(either.path / "data", filters=filters)
-    assert list(rows.columns) == table.column_names
-    kept = (table["obs_setpoint"].to_numpy() > 60) & (table["obs_fatigue"].to_numpy() > FATIGUE)
-    assert 10 < kept.sum() < 300
-    for name, dtype in TYPES.items():
-        expected = table[name].to_numpy()
-        assert rows[name].dtype == expected.dtype == (dtype or expected.dtype)
-        assert rows[name].to_numpy().tobytes() == expected.tobytes()
-        assert filtered[name].to_numpy().tobytes() == expected[kept].tobytes()
-    assert rows["policy"].tolist() == table["policy"].to_pylist()
+def test_a_filter_of_pandas_keeps_the_right_rows(either):
+    """Whatever it takes from the statistics of a file."""
+    filters = [("obs_setpoint", ">", 60), ("obs_fatigue", ">", 40.0)]
+    found, rows = pd.read_parquet(either.path / "data", filters=filters), either.to_pandas()
+    expected = rows[(rows["obs_setpoint"] > 60) & (rows["obs_fatigue"] > 40)]
+    assert 10 < len(expected) < 300
+    pd.testing.assert_frame_equal(found, expected.reset_index(drop=True), check_categorical=False)

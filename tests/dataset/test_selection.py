@@ -1,4 +1,4 @@
-"""Rows by setpoint, policy and split."""
+"""Rows by setpoint, policy and split; test_ways.py reads them in all ways."""
 
 import math
 from itertools import product
@@ -13,75 +13,12 @@ from ibdata.errors import UsageError
 
 pytestmark = pytest.mark.portable
 
-SELECTIONS = [
-    {"setpoint": [20, 70.0]},
-    {"setpoint": pd.Series([20.0]), "policy": "calm"},
-    {"split": "calm", "setpoint": [70]},
-    {"split": ["calm", "target"]},
-    {"split": "target", "policy": "random"},
-]
-
 
 @pytest.fixture(scope="module")
 def labelled(declared, made_at, tmp_path_factory):
     """The dataset of the other tests with splits that are labels, beside those that are files."""
     made = made_at(declared, tmp_path_factory.mktemp("selection") / "small")
     return ibdata.split(made.path, by_policy("random", "calm"))
-
-
-@pytest.fixture(scope="module")
-def one_file(describe, made_at, tmp_path_factory):
-    """The same episodes in one file, in which those of a selection lie apart; all splits are labels."""
-    made = made_at(describe(output={"latent": "next"}), tmp_path_factory.mktemp("selection") / "one")
-    ibdata.split(made.path, {"source": {"setpoint": 20}, "target": {"setpoint": 70, "episodes": 2}})
-    return ibdata.split(made.path, by_policy("random", "calm"))
-
-
-def by_hand(dataset, setpoint=None, policy=None, split=None, episodes=None, returns=(None, None)):
-    """The rows of the episodes that a look at each of them selects."""
-    chosen = [
-        row["episode"]
-        for row in dataset.episodes.to_dict("records")
-        if (setpoint is None or row["setpoint"] in list(np.atleast_1d(setpoint)))
-        and (policy is None or row["policy"] in np.atleast_1d(policy).tolist())
-        and (split is None or set(row["splits"]) & set(np.atleast_1d(split)))
-        and (episodes is None or row["episode"] in np.atleast_1d(episodes).tolist())
-        and (returns[0] is None or row["return"] >= returns[0])
-        and (returns[1] is None or row["return"] <= returns[1])
-    ]
-    rows = dataset.to_pandas()
-    return rows[rows["episode"].isin(chosen)]
-
-
-@pytest.mark.parametrize("which", ["labelled", "one_file"])
-def test_rows_that_meet_all_conditions_come_in_order(request, which):
-    dataset = request.getfixturevalue(which)
-    for selection in SELECTIONS:
-        expected, selected = by_hand(dataset, **selection), dataset.select(**selection)
-        assert 0 < len(expected) == len(selected)
-        assert sorted(selected.episodes["episode"]) == sorted(expected["episode"].unique())
-        assert_rows(selected, expected)
-
-
-def test_the_limits_of_returns_and_numbers_belong_to_them(labelled):
-    lowest, second, third, *_ = sorted(labelled.episodes["return"])
-    for returns, count in (((second, third), 2), ((None, lowest), 1), ((second, None), 11)):
-        selected = labelled.select(returns=returns)
-        assert selected.episodes["episode"].nunique() == count
-        assert_rows(selected, by_hand(labelled, returns=returns))
-    assert_rows(labelled.select(episodes=[0, 11]), by_hand(labelled, episodes=[0, 11]))
-
-
-def assert_rows(rows, expected):
-    """All ways to read rows give the expected ones."""
-    frame = rows.to_pandas()
-    pd.testing.assert_frame_equal(frame, expected, check_categorical=False)
-    batches = list(rows.iter_batches(["episode", "step"], batch_rows=30))
-    steps = [step for batch in batches for step in batch["step"].to_pylist()]
-    assert steps == expected["step"].tolist()
-    arrays = rows.arrays(history=2)
-    assert arrays["rewards"].tolist() == expected["reward"].tolist()
-    assert arrays["observations"].shape == (len(expected), 12)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -133,11 +70,9 @@ def test_a_wrong_choice_is_one_line_with_what_is_meant_or_known(labelled):
             read(columns=["rewards"])
 
 
-@pytest.mark.parametrize("which", ["labelled", "one_file"])
-def test_a_selection_is_measured_as_its_rows_are(request, which, tmp_path):
-    dataset = request.getfixturevalue(which)
-    selected = dataset.select(["calm", "target"], setpoint=70)
-    rows = by_hand(dataset, split=["calm", "target"], setpoint=70)
+def test_a_selection_is_measured_as_its_rows_are(labelled, tmp_path):
+    selected = labelled.select(["calm", "target"], setpoint=70)
+    rows = selected.to_pandas()
     assert selected.statistics()["reward"]["mean"] == pytest.approx(rows["reward"].mean(), rel=1e-6)
     groups = rows.groupby("policy", observed=True)
     returns = (groups["reward"].sum() / groups["episode"].nunique()).to_dict()
@@ -147,9 +82,8 @@ def test_a_selection_is_measured_as_its_rows_are(request, which, tmp_path):
     assert ibdata.export(selected, "npz", tmp_path / "x.npz").rows == len(rows)
     assert len(ibdata.importance(selected, "random", discount=0.5).rewards) == rows["episode"].nunique()
     assert len(ibdata.noise_floor(selected).mean) == len(rows)
-    assert len(selected.windows(3)) == len(rows)
     narrower = selected.select(policy="calm")
-    assert narrower.to_pandas().equals(selected.select(policy="calm").to_pandas())
+    assert narrower.to_pandas()["reward"].equals(rows["reward"][rows["policy"] == "calm"])
     assert narrower.head(2).to_pylist() == narrower.table().to_pylist()[:2]
 
 

@@ -60,15 +60,6 @@ BEFORE = np.array([100.1, 3.0], np.float32), np.array([10.7, 0.5], np.float32)  
 AFTER = np.array([90.3, 4.0], np.float32), np.array([12.9, 0.25], np.float32)
 
 
-@pytest.mark.parametrize("scale", [1.0, 0.01])
-def test_weights_are_computed_in_float64_and_rounded_once(scale):
-    assert reward_of({"fatigue": 2}).of(BEFORE, AFTER, 1.0).tolist() == (-2 * AFTER[1]).tolist()
-    found = reward_of({"consumption": 0.7, "fatigue": 2.2}).of(BEFORE, AFTER, scale)
-    exact = [-(0.7 * float(c) + 2.2 * float(f)) * scale for c, f in zip(*AFTER, strict=True)]
-    assert found.tolist() == np.array(exact).astype(np.float32).tolist()
-    assert found.dtype == np.float32
-
-
 def test_rewards_that_become_infinite_are_refused():
     with pytest.raises(
         UsageError, match=r"reward: found weights or a scale .1e.300. that make rewards infin"
@@ -78,52 +69,10 @@ def test_rewards_that_become_infinite_are_refused():
         reward_of({"consumption": 1e308, "fatigue": -1e308}).of(BEFORE, AFTER, 1.0)  # inf - inf
 
 
-FATIGUE, RUNAWAY = {"cost": {"fatigue": 40}}, {"cost": "runaway"}
-
-
-@pytest.fixture(scope="module")
-def ds(describe, made_at, tmp_path_factory):
-    """Episodes that know the hidden state after each row."""
-    experiment = describe(output={"latent": "next"}, policies=["random"], episodes=3, steps=60, splits={})
-    return made_at(experiment, tmp_path_factory.mktemp("costs") / "next")
-
-
-def by_hand(rows, view):
-    """The costs of the rows of a table."""
-    if view is FATIGUE:
-        return (rows["next_obs_fatigue"] > 40).to_numpy()
-    return (rows[["next_latent_mu_v", "next_latent_mu_g"]].max(axis=1) >= np.float32(1.2)).to_numpy()
-
-
-@pytest.mark.parametrize("view", [FATIGUE, RUNAWAY])
-def test_all_ways_to_read_have_the_costs_of_the_next_states(ds, view, tmp_path):
-    expected = by_hand(ds.to_pandas(), view)
-    assert 0.02 < expected.mean() < 0.98
-    arrays = ds.arrays(history=3, view=view)
-    assert (arrays["costs"].dtype, len(arrays["costs"])) == (np.float32, len(ds))
-    windows = ds.windows(history=3, view=view, folder=tmp_path / "windows")
-    tables = (ds.table(view=view), *ds.iter_batches(view=view))
-    found = [arrays["costs"], windows.batch(range(len(windows)))["costs"], windows[5:]["costs"]]
-    found += [table["cost"].to_numpy() for table in tables]
-    for costs in found:
-        assert costs.tolist() == expected[len(expected) - len(costs) :].tolist()
-    ibdata.export(ds, "npz", tmp_path / "x.npz", view=view)
-    ibdata.export(ds, "csv", tmp_path / "x.csv", view=view)
-    with np.load(tmp_path / "x.npz") as file:
-        assert file["costs"].tolist() == expected.tolist()
-    header, first, *_ = (tmp_path / "x.csv").read_text().splitlines()
-    assert dict(zip(header.replace('"', "").split(","), first.split(","), strict=True))["cost"] in "01"
-
-
 @pytest.mark.parametrize(("cost", "expected"), [({"fatigue": 1.2}, [0, 0, 1]), ("runaway", [0, 1, 1])])
 def test_a_fatigue_at_its_limit_costs_nothing_and_a_hidden_state_at_1_2_does(cost, expected):
     around = np.nextafter(np.float32(1.2), [np.float32(0), np.float32(1.2), np.float32(2)])
     assert cost_of(cost).of([around]).tolist() == expected
-
-
-def test_formats_without_a_place_for_costs_refuse_them(ds, tmp_path):
-    with pytest.raises(UsageError, match="cost: found one, but the format neorl has no place for costs"):
-        ibdata.export(ds, "neorl", tmp_path / "x.npz", view=FATIGUE)
 
 
 def test_an_evaluation_counts_steps_that_cost_and_episodes_over_the_budget():
