@@ -9,6 +9,7 @@ import pytest
 import ibdata
 from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
+from ibdata.experiment.yaml import Document
 
 KEYS = ", ".join(Experiment.model_fields)
 STICKY = "policies.0={kind: sticky, kappa: 1, base: bad}"
@@ -44,12 +45,16 @@ REFUSED = {
         (["setpoints=[10, 20]", "setpoints.1=30"], "setpoints", [10.0, 30.0]),
         (["policies.0.kind=safe"], "labels", ("safe",)),
         ([STICKY, "policies.0.base=safe"], "policies.0.base.kind", "safe"),
+        (["policies.0={kind: constant, action: [0, 0, 1]}"], "policies.0.action", (0.0, 0.0, 1.0)),
         (["dynamics={base: paper, eta_mean: 1}"], "scenario.variant.eta_mean", 1.0),
         (["splits.1.episodes=1"], "splits.keys", {"1"}),
     ],
 )
 def test_overrides_replace_what_the_file_says(loaded, with_lines, overrides, attribute, value):
+    """Those of a mapping are the same."""
     found = loaded(with_lines(), overrides)
+    pairs = (override.split("=", 1) for override in overrides)
+    assert loaded(with_lines(), {key.strip(): Document(text).data for key, text in pairs}) == found
     for part in attribute.split("."):
         found = found[int(part)] if part.isdigit() else getattr(found, part)
     assert (found() if callable(found) else found) == value

@@ -55,26 +55,7 @@ def test_the_types_of_python_and_numpy_are_those_of_yaml():
     assert made.setpoints == [20.0, 70.0]
     for points in (range(10, 31, 10), np.array([10, 20, 30])):
         assert load(PLAIN, {"setpoints": points}).setpoints == [10.0, 20.0, 30.0]
-
-
-GIVEN = {
-    **PLAIN,
-    "setpoints": {"start": 10, "stop": 30, "step": 10},
-    "policies": [{"kind": "epsilon_greedy", "base": "constant", "epsilon": 0.5}, "safe"],
-    "output": {"latent": False, "shard_rows": 7},
-    "splits": {"a": {"setpoint": 20}},
-}
-ALIKE = {  # the text of an override: the same in a mapping
-    "setpoints.stop=20": {"setpoints.stop": 20},
-    "policies.0.base.action=[0, 0, 1]": {"policies.0.base.action": (0, 0, 1)},
-    "policies.0={kind: random}": {"policies.0": {"kind": "random"}},
-    "splits.b={setpoint: 30}": {"splits.b": {"setpoint": np.float64(30)}},
-}
-
-
-@pytest.mark.parametrize(("text", "mapping"), ALIKE.items(), ids=ALIKE)
-def test_an_override_is_the_same_in_a_text_and_a_mapping(text, mapping):
-    assert load(GIVEN, [text]) == load(GIVEN, mapping) != load(GIVEN)
+    assert load(PLAIN, {"splits.b": {"setpoint": np.float64(20)}}) == load(PLAIN, ["splits.b={setpoint: 20}"])
 
 
 def test_an_object_of_an_unknown_class_is_live():

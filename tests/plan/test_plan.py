@@ -21,9 +21,10 @@ def experiments(draw):
     labels = LABELS[: draw(st.integers(1, 3))]
     episodes = draw(st.integers(1, 9))
 
-    def episode_range():
-        start = draw(st.integers(0, episodes - 1))
-        return {"start": start, "stop": draw(st.integers(start, episodes - 1))}
+    def some_episodes():
+        start, stop = sorted(draw(st.tuples(*[st.integers(0, episodes - 1)] * 2)))
+        shares = ["first 50%", "last 25%"] if episodes > 1 else []
+        return draw(st.sampled_from([stop + 1, {"start": start, "stop": stop}, *shares]))
 
     def split():
         block = {"overlap": True}
@@ -32,7 +33,7 @@ def experiments(draw):
         if draw(st.booleans()):
             block["policy"] = draw(st.sampled_from(labels))
         if draw(st.booleans()):
-            block["episodes"] = episode_range()
+            block["episodes"] = some_episodes()
         return block
 
     return Experiment(
@@ -46,17 +47,24 @@ def experiments(draw):
     )
 
 
+def held(n, block):
+    """The episodes of n that a split names."""
+    named = block.get("episodes", n)
+    if isinstance(named, dict):
+        return range(named["start"], named["stop"] + 1)
+    return {"first 50%": range(n // 2), "last 25%": range(3 * n // 4, n)}.get(named) or range(named)
+
+
 def splits_of(made, episode):
     """The splits of an episode, from the words of the config."""
     cell, index = divmod(episode, made.episodes)
     policy, setpoint = divmod(cell, len(made.setpoints))
     found = []
     for name, block in made.plain()["splits"].items():
-        bounds = block.get("episodes", {"start": 0, "stop": made.episodes - 1})
         if (
             made.setpoints[setpoint] in block.get("setpoint", made.setpoints)
             and block.get("policy", LABELS[policy]) == LABELS[policy]
-            and bounds["start"] <= index <= bounds["stop"]
+            and index in held(made.episodes, block)
         ):
             found.append(name)
     return tuple(found)

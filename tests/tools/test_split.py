@@ -1,8 +1,5 @@
-"""Splits of a finished dataset: labels without copies, copies in whole files, no leaks, definitions."""
+"""Splits of a finished dataset: labels without copies, copies in whole files, no leaks."""
 
-from dataclasses import replace
-
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import MANY
@@ -13,9 +10,6 @@ import ibdata
 from ibdata.cli.make import split_command
 from ibdata.dataset import manifest
 from ibdata.errors import BusyError, UsageError
-from ibdata.experiment import Experiment
-from ibdata.experiment.fields import Split
-from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.tools.rewrite import relabel
 from ibdata.tools.split_schemes import SCHEMES, by_episode, by_policy, leave_one_out, transfer
 
@@ -178,62 +172,3 @@ def test_splits_that_were_made_meanwhile_are_not_lost(made, monkeypatch):
     with pytest.raises(BusyError, match="got other splits meanwhile; split it again"):
         ibdata.split(made.path, HALVES)
     assert "random" in ibdata.open(made.path).splits
-
-
-LABELS = ("random", "safe")
-
-
-def spec_of(setpoints, episodes=2, **more):
-    plain = {"name": "x", "setpoints": setpoints, "policies": LABELS, "steps": 2, "episodes": episodes}
-    return DatasetSpec.of(Experiment.model_validate({**plain, **more}))
-
-
-def episodes_of(spec):
-    """The setpoint, the label and the index in its cell of each episode, in the order of a dataset."""
-    (experiment,) = spec.experiments
-    return [(cell.setpoint, cell.label, i) for cell in experiment.cells for i in range(experiment.episodes)]
-
-
-def laters(spec, splits):
-    """The episodes of splits that are made later."""
-    runs = replace(spec, later=splits).later_runs()
-    every = episodes_of(spec)
-    return {name: {e for first, stop, _ in own for e in every[first:stop]} for name, own in runs.items()}
-
-
-def drawn(rng, points, n):
-    """A split with random conditions, as in YAML, and its definition."""
-    low, high = sorted(rng.integers(n, size=2).tolist())
-    few = int(rng.integers(1, n + 1))
-    ranges = [
-        (None, set(range(n))),
-        (few, set(range(few))),
-        ({"start": low, "stop": high}, set(range(low, high + 1))),
-        ("first 50%", set(range(n // 2))),
-        ("last 25%", set(range(n - n // 4, n))),
-    ]
-    episodes, indices = ranges[rng.integers(len(ranges))]
-    chosen = rng.permutation(points)[: rng.integers(len(points) + 1)].tolist()
-    label = LABELS[rng.integers(2)] if rng.random() < 0.5 else None
-    plain = {"setpoint": chosen or None, "policy": label, "episodes": episodes, "overlap": True}
-    labels = LABELS if label is None else (label,)
-    return plain, lambda p, own, i: p in (chosen or points) and own in labels and i in indices
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_splits_that_overlap_equal_their_definitions(seed):
-    """Of declared ones, which have files of their own, and of later ones; at any size of a shard."""
-    rng, points, n = np.random.default_rng(seed), [10.0, 20.0, 30.0], 8
-    made = {f"s{k}": drawn(rng, points, n) for k in range(5)}
-    declared = {name: plain for name, (plain, _) in made.items()}
-    spec = spec_of(points, n, splits=declared, output={"shard_rows": int(rng.integers(2, 40))})
-    every = episodes_of(spec)
-    expected = {name: {e for e in every if inside(*e)} for name, (_, inside) in made.items()}
-    assert [e for shard in spec.shards for e in every[shard.first : shard.stop]] == every
-    in_files = {
-        name: {e for shard in spec.shards if name in shard.splits for e in every[shard.first : shard.stop]}
-        for name in made
-    }
-    assert in_files == expected
-    later = {name: Split.model_validate(plain) for name, plain in declared.items()}
-    assert laters(spec_of(points, n), later) == expected
