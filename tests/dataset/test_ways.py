@@ -22,8 +22,9 @@ HIDDEN += [
 EXPERT = [f"expert_{name}" for name in ACTIONS]
 SPLITS = {"source": {"policy": "random"}, "target": {"policy": "calm", "episodes": 1}}
 SETS = {
-    "files": {"output": {"latent": "next", "expert_action": True, "shard_rows": 30}, "splits": SPLITS},
-    "one file": {},  # in which the episodes of a selection lie apart; without the hidden states at the end
+    "files": {"output": {"latent": "next", "shard_rows": 30}, "splits": SPLITS},
+    # In one file, the episodes of a selection lie apart. The hidden states at the end are not there.
+    "one file": {"output": {"expert_action": True}},
     "moving": {
         "dynamics": "paper",
         "setpoints": {"drifting": [0.5, 99.5]},

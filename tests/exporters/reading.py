@@ -1,39 +1,33 @@
-"""Reading exports back with the libraries that they are for, as the arrays of `Dataset.arrays`."""
+"""Reading exports back as the arrays of `Dataset.arrays`: by their snippet, or by the form of the files."""
 
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pyarrow.parquet as pq
-from pyarrow import csv
 
 from ibdata import Dataset
 from ibdata.exporters import Exported
 
-ACTIONS = ("act_velocity", "act_gain", "act_shift")
-D4RL = {"terminated": "terminals", "truncated": "timeouts", "episode": "infos/episode", "step": "infos/step"}
-RLLIB = {
-    "observations": "observation",
-    "actions": "action",
-    "rewards": "reward",
-    "next_observations": "next_observation",
-}
+ACTIONS = ["act_velocity", "act_gain", "act_shift"]
+TRANSITION = {"observations", "actions", "rewards", "next_observations"}
+D4RL = {"terminals": "terminated", "timeouts": "truncated"}
+RLLIB = {"observation": "observations", "action": "actions", "reward": "rewards"}
+RLLIB |= {"next_observation": "next_observations"}
 LEROBOT = {
-    "observations": "observation.state",
-    "actions": "action",
-    "rewards": "next.reward",
-    "next_observations": "next.observation.state",
-    "terminated": "next.terminated",
-    "truncated": "next.truncated",
-    "step": "frame_index",
+    "observation.state": "observations",
+    "action": "actions",
+    "next.observation.state": "next_observations",
+    "next.reward": "rewards",
+    "next.cost": "costs",
+    "next.terminated": "terminated",
+    "next.truncated": "truncated",
 }
-SAME = ("terminated", "truncated", "episode", "step")
 
 
-def one_setpoint(to: str) -> str | None:
-    """The split to export: NeoRL's format holds one setpoint."""
-    return "target" if to == "neorl" else None
+def files(folder: Path) -> dict[Path, bytes]:
+    """The content of all files below a folder."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def equal(found: Any, expected: Any) -> None:
@@ -46,47 +40,46 @@ def equal(found: Any, expected: Any) -> None:
     assert found.tobytes() == expected.tobytes()
 
 
-def holds(
-    made: Exported, dataset: Dataset, split: str | None = None, history: int = 1, view: Any = None
-) -> None:
-    """An export holds every value of the dataset's arrays."""
-    expected = dataset.arrays(history, split, view=view)
-    assert made.rows == len(expected["rewards"])
-    assert made.episodes == np.count_nonzero(expected["step"] == 0)
-    for name, array in READERS[made.format](made.path, made).items():
-        equal(array, expected[name])
+def ran(made: Exported) -> dict[str, Any]:
+    """The variables of an export's snippet."""
+    names: dict[str, Any] = {}
+    exec(made.snippet, names)
+    return names
 
 
-def hdf5(path: str) -> dict[str, Any]:
-    """All datasets of an HDF5 file by their paths."""
-    found = {}
-    with h5py.File(path) as file:
-        file.visititems(lambda name, item: found.update({name: item[()]} if hasattr(item, "shape") else {}))
-    return found
+def parquet(path: str) -> dict[str, Any]:
+    """The columns of a file, or of the files of a folder; those of lists are matrices."""
+    table = pq.read_table(path)
+    found = {name: table[name].to_numpy() for name in table.column_names}
+    return {name: np.stack(x) if x.dtype == object else x for name, x in found.items()}
 
 
-def csv_file(path: str, made: Exported) -> dict[str, Any]:
-    table = csv.read_csv(path, convert_options=csv.ConvertOptions(column_types={"step": "int32"}))
-
-    def columns(names: Any) -> Any:
-        return np.stack([table[name].to_numpy().astype(np.float32) for name in names], axis=1)
-
+def csv(made: Exported) -> dict[str, Any]:
+    data = ran(made)["data"]
     lags = ["", *(f"_lag_{lag}" for lag in range(1, made.history))]
-    return {
-        "observations": columns([f"{name}{lag}" for lag in lags for name in made.frame]),
-        "actions": columns(ACTIONS),
-        "rewards": columns(["reward"])[:, 0],
-        "next_observations": columns([f"next_{name}{lag}" for lag in lags for name in made.frame]),
-        **{name: table[name].to_numpy() for name in SAME},
+    now, later = ([f"{prefix}{name}{lag}" for lag in lags for name in made.frame] for prefix in ("", "next_"))
+    hidden = [name for name in data if name.startswith(("latent", "next_latent", "action_log", "clean"))]
+    floats = {name: data[name].to_numpy(np.float32) for name in {*hidden} - {*now, *later}}
+    return floats | {
+        "observations": data[now].to_numpy(np.float32),
+        "actions": data[ACTIONS].to_numpy(np.float32),
+        "rewards": data["reward"].to_numpy(np.float32),
+        "next_observations": data[later].to_numpy(np.float32),
+        **({"costs": data["cost"].to_numpy(np.float32)} if "cost" in data else {}),
+        **{name: data[name].to_numpy() for name in ("terminated", "truncated", "episode")},
+        "step": data["step"].to_numpy(np.int32),
     }
 
 
-def d3rlpy(path: str, made: Exported) -> dict[str, Any]:
+def d3rlpy(made: Exported) -> dict[str, Any]:
     """By its rule: the next observation is that of the next row, and the last row is no transition."""
-    file = hdf5(path)
-    observations, actions, rewards = (
-        [file[f"{key}_{i}"] for i in range(made.episodes)] for key in ("observations", "actions", "rewards")
-    )
+    import h5py
+
+    with h5py.File(made.path) as file:
+        observations, actions, rewards = (
+            [file[f"{key}_{i}"][()] for i in range(made.episodes)]
+            for key in ("observations", "actions", "rewards")
+        )
     return {
         "observations": np.concatenate([one[:-1] for one in observations]),
         "actions": np.concatenate([one[:-1] for one in actions]),
@@ -95,12 +88,30 @@ def d3rlpy(path: str, made: Exported) -> dict[str, Any]:
     }
 
 
-def d4rl(path: str, made: Exported) -> dict[str, Any]:
-    return by_name(dict(np.load(path)) if made.format == "npz" else hdf5(path), D4RL)
+def d4rl(made: Exported) -> dict[str, Any]:
+    """All arrays of the file; the snippet has the transitions."""
+    import h5py
+
+    data = ran(made)["data"]
+    assert {D4RL.get(name, name) for name in data} == TRANSITION | {"terminated", "truncated"}
+    with h5py.File(made.path) as file:
+        infos = {name: array[()] for name, array in file["infos"].items()}
+        return named(
+            {**{name: array[()] for name, array in file.items() if name != "infos"}, **infos, **data}
+        )
 
 
-def neorl(path: str, made: Exported) -> dict[str, Any]:
-    data = np.load(path)
+def npz(made: Exported) -> dict[str, Any]:
+    return named({name.removeprefix("infos/"): array for name, array in ran(made)["data"].items()})
+
+
+def named(found: dict[str, Any]) -> dict[str, Any]:
+    """The arrays of D4RL under the names of `Dataset.arrays`."""
+    return {D4RL.get(name, name): array for name, array in found.items()}
+
+
+def neorl(made: Exported) -> dict[str, Any]:
+    data = ran(made)["data"]
     assert data["done"].dtype == np.float32
     return {
         "observations": data["obs"],
@@ -111,50 +122,54 @@ def neorl(path: str, made: Exported) -> dict[str, Any]:
     }
 
 
-def rllib(path: str, made: Exported) -> dict[str, Any]:
-    return by_name(parquet(path), RLLIB)
+def rllib(made: Exported) -> dict[str, Any]:
+    return {RLLIB.get(name, name): array for name, array in parquet(made.path).items()}
 
 
-def lerobot(path: str, made: Exported) -> dict[str, Any]:
-    found = parquet(f"{path}/data")
+def lerobot(made: Exported) -> dict[str, Any]:
+    found = parquet(f"{made.path}/data")
     assert found["frame_index"].dtype == np.int64
-    found["frame_index"] = found["frame_index"].astype(np.int32)
-    return {name: found[column] for name, column in LEROBOT.items()}
+    return {**of_lerobot(found), "step": found["frame_index"].astype(np.int32)}
 
 
-def parquet(path: str) -> dict[str, Any]:
-    """The columns of a file, or of the files of a folder; those of lists are matrices."""
-    table = pq.read_table(path)
-    found = {name: table[name].to_numpy() for name in table.column_names}
-    return {name: np.stack(x) if x.dtype == object else x for name, x in found.items()}
-
-
-def minari(path: str, made: Exported) -> dict[str, Any]:
-    from minari import MinariDataset
-
-    episodes = list(MinariDataset(Path(path) / "data"))
-    return {
-        "observations": np.concatenate([one.observations[:-1] for one in episodes]),
-        "actions": np.concatenate([one.actions for one in episodes]),
-        "rewards": np.concatenate([one.rewards for one in episodes]),
-        "next_observations": np.concatenate([one.observations[1:] for one in episodes]),
-        "terminated": np.concatenate([one.terminations for one in episodes]),
-        "truncated": np.concatenate([one.truncations for one in episodes]),
-    }
-
-
-def by_name(found: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
-    """The arrays by the names that `Dataset.arrays` gives them."""
-    return {name: found[names.get(name, name)] for name in (*RLLIB, *SAME)}
+def of_lerobot(found: dict[str, Any]) -> dict[str, Any]:
+    """The arrays of LeRobot's columns, among which a vector of one entry is a number."""
+    arrays = {LEROBOT[name]: array for name, array in found.items() if name in LEROBOT}
+    frames = {name: array.reshape(len(array), -1) for name, array in arrays.items() if "observations" in name}
+    return {**arrays, **frames}
 
 
 READERS = {
-    "csv": csv_file,
+    "csv": csv,
     "d3rlpy": d3rlpy,
     "d4rl": d4rl,
     "lerobot": lerobot,
-    "minari": minari,
     "neorl": neorl,
-    "npz": d4rl,
+    "npz": npz,
     "rllib": rllib,
 }
+
+
+def read(made: Exported) -> dict[str, Any]:
+    """What a reader of the files finds in an export."""
+    return READERS[made.format](made)
+
+
+def holds(
+    made: Exported,
+    dataset: Dataset,
+    split: str | None = None,
+    history: int = 1,
+    view: Any = None,
+    read: Any = read,
+) -> dict[str, Any]:
+    """An export holds every value of the dataset's arrays, or of its columns. Return what was read."""
+    found = read(made)
+    columns = {name.removeprefix("clean_") for name in found} & {x["name"] for x in dataset.info["columns"]}
+    expected = dataset.arrays(history, split, columns=sorted(columns), view=view)
+    assert made.rows == len(expected["rewards"])
+    assert made.episodes == np.count_nonzero(expected["step"] == 0)
+    assert found.keys() >= TRANSITION
+    for name, array in found.items():
+        equal(array, expected[name.removeprefix("clean_")])
+    return found

@@ -2,84 +2,31 @@
 
 import json
 import sys
-import zipfile
-from functools import partial
-from pathlib import Path
 
-import h5py
 import numpy as np
-import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from exporters.reading import equal, hdf5, holds, one_setpoint
+from exporters.export_tests import ExportTests
+from exporters.reading import equal, ran, read
 
 import ibdata
 from ibdata.cli import cli
 from ibdata.dataset.stored import Stored
 from ibdata.errors import DatasetError, IbdataError, UsageError
-from ibdata.exporters import neorl
+from ibdata.exporters import FORMATS, neorl
 from ibdata.exporters._source import Source
 
-VIEWS = {
-    "hidden": (1, {"observe": "markov", "imperfections": {"missing": {"latent_mu_v": 0.2}}}),
-    "markov": (4, {"observe": "markov", "actions": True, "reward": {"consumption": 1, "fatigue": 1}}),
-    "troubles": (
-        3,
-        {
-            "imperfections": {"delay": {"obs_fatigue": 3}, "missing": {"obs_velocity": 0.2}, "mask": True},
-            "reward": "delta",
-            "reward_scale": 0.1,
-        },
-    ),
-}
+ELSEWHERE = ("minari",)  # tested where its library is, see tests/bridges
 
 
-@pytest.mark.parametrize(("history", "view"), VIEWS.values(), ids=VIEWS)
-def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, to, history, view, monkeypatch):
-    """And the export says what it shows; blocks of any size give the same values."""
-    monkeypatch.setattr("ibdata.exporters._source.BLOCK_ROWS", 30 if history == 3 else 10**6)
-    made = ibdata.export(dataset, to, tmp_path / "made", split="target", history=history, view=view)
-    assert (made.format, made.rows, made.episodes) == (to, 160, 4)
-    holds(made, dataset, "target", history, view=view)
-    if (found := said(made)) is None:
-        return
-    assert tuple(found["frame"]) == made.frame == dataset.windows(view=view).frame
-    assert (found["history"], found["split"], found["content_root"]) == (
-        history,
-        "target",
-        dataset.content_root,
-    )
-    assert found["reward"] == view.get("reward", "classic")
-    assert ("episodes" in found) == bool(found["imperfections"])
-    assert found["imperfections"].get("delay") == view.get("imperfections", {}).get("delay")
+class TestFiles(ExportTests):
+    """Every format, by the form of its files; tests/bridges has libraries that read them."""
 
+    read = staticmethod(read)
 
-def costs_in_minari(path):
-    from minari import MinariDataset
-
-    return np.concatenate([one.infos["cost"][:-1, 0] for one in MinariDataset(Path(path) / "data")])
-
-
-COSTS = {  # where a format has them
-    "csv": lambda path: pd.read_csv(path)["cost"],
-    "d4rl": lambda path: hdf5(path)["costs"],
-    "lerobot": lambda path: pq.read_table(f"{path}/data")["next.cost"],
-    "minari": costs_in_minari,
-    "npz": lambda path: np.load(path)["costs"],
-}
-
-
-def test_costs_have_a_place_or_are_refused(dataset, tmp_path, to):
-    view = {"cost": {"fatigue": 20}}
-    if to not in COSTS:
-        with pytest.raises(UsageError, match=f"^cost: found one, but the format {to} has no place for costs"):
-            ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to), view=view)
-        return
-    made = ibdata.export(dataset, to, tmp_path / "made", view=view)
-    costs = dataset.arrays(view=view)["costs"]
-    assert 0 < costs.sum() < len(costs)
-    assert np.array(COSTS[to](made.path)).ravel().tolist() == costs.tolist()
+    @pytest.fixture(params=[name for name in FORMATS if name not in ELSEWHERE])
+    def to(self, request):
+        return request.param
 
 
 def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
@@ -91,19 +38,6 @@ def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
         assert all(len(block["rewards"]) <= limit + 40 for block in blocks)
         assert all(block["step"][0] == 0 and block["truncated"][-1] for block in blocks)
     assert [len(block["rewards"]) for block in Source(dataset.select()).episode_blocks()] == [40] * 12
-
-
-def test_it_says_what_it_made_and_leaves_nothing_beside_it(dataset, tmp_path, to):
-    out = tmp_path / "new" / "folder" / "made"
-    made = ibdata.export(dataset, to, out, split=one_setpoint(to), view={"reward_scale": 0.5})
-    holds(made, dataset, one_setpoint(to), made.history, view={"reward_scale": 0.5})
-    assert made.reward_scale == 0.5
-    assert (made.rows, made.episodes) == ((160, 4) if to == "neorl" else (480, 12))
-    assert made.history == (30 if to == "neorl" else 1)
-    assert Path(made.path).exists()
-    compile(made.snippet, to, "exec")
-    assert [path.name for path in out.parent.iterdir()] == ["made"]
-    assert not list(tmp_path.rglob(".*"))
 
 
 def test_the_command_prints_the_snippet_or_one_json_document(dataset, tmp_path):
@@ -154,37 +88,6 @@ def test_a_library_that_is_not_installed_is_named_with_its_extra(dataset, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def said(made):
-    """What an export says of itself; None in a format that has no place for it, or is tested elsewhere."""
-    if made.format in ("csv", "minari"):
-        return None
-    if made.format in ("npz", "neorl"):
-        return json.loads(zipfile.ZipFile(made.path).comment)
-    if made.format in ("d3rlpy", "d4rl"):
-        with h5py.File(made.path) as file:
-            return json.loads(file.attrs["view"])
-    file = next(path for path in Path(made.path).rglob("*.parquet") if "meta" not in path.parts)
-    return json.loads(pq.read_schema(file).metadata[b"view"])
-
-
-@pytest.mark.parametrize("to", ["npz", "d4rl", "csv"])
-def test_the_true_values_of_imperfect_measurements_stay_beside(dataset, tmp_path, to):
-    made = ibdata.export(dataset, to, tmp_path / "made", view=VIEWS["troubles"][1])
-    exact = partial(pd.read_csv, engine="pyarrow")  # older versions of pandas round by themselves
-    readers = {"npz": lambda path: dict(np.load(path)), "d4rl": hdf5, "csv": exact}
-    found = readers[to](made.path)
-    name = "clean_obs_fatigue" if to == "csv" else "infos/clean_obs_fatigue"
-    equal(found[name], dataset.table(["obs_fatigue"])["obs_fatigue"].to_numpy())
-
-
-def test_rows_without_a_next_frame_are_left_out_and_counted(tmp_path, to):
-    given = {"name": "x", "setpoints": 20, "policies": ["random"], "episodes": 4, "steps": 9}
-    dataset = ibdata.generate(given, tmp_path / "data", workers=1)
-    made = ibdata.export(dataset, to, tmp_path / "made", history=2, view={"observe": "markov"})
-    assert (made.rows, made.episodes, made.left_out) == (32, 4, 4)
-    holds(made, dataset, history=2, view={"observe": "markov"})
-
-
 def test_neorls_loader_finds_the_trajectories(dataset, tmp_path):
     """By the rules of its loader: a 0 in front of index, then the rows before index[num]."""
     made = ibdata.export(dataset, "neorl", tmp_path / "made", split="target")
@@ -193,7 +96,7 @@ def test_neorls_loader_finds_the_trajectories(dataset, tmp_path):
     assert data["obs"].shape == data["next_obs"].shape == (160, 180)
     assert data["reward"].shape == data["done"].shape == (160, 1)
     index = np.insert(data["index"], 0, 0)
-    assert index[:4].tolist() == [0, 40, 80, 120]
+    assert index[:4].tolist() == ran(made)["data"]["index"].tolist() == [0, 40, 80, 120]
     for num in (1, 4):
         samples = {key: array[: int(index[num])] for key, array in data.items() if key != "index"}
         assert all(len(array) == 40 * num for array in samples.values())
@@ -223,11 +126,3 @@ def test_the_snippet_of_csv_reads_labels_as_they_are(tmp_path):
         assert names["data"]["policy"].tolist() == expected["policy"].tolist()
         for column in expected.columns.drop("policy"):
             equal(names["data"][column].astype(expected[column].dtype), expected[column])
-
-
-@pytest.mark.parametrize(("form", "reward"), [("npz", "rewards"), ("d4rl", "rewards"), ("neorl", "reward")])
-def test_the_snippets_of_files_run(dataset, tmp_path, form, reward):
-    names = {}
-    exec(ibdata.export(dataset, form, tmp_path / form, split="target").snippet, names)
-    assert len(names["data"][reward]) == 160
-    assert form != "neorl" or names["data"]["index"].tolist() == [0, 40, 80, 120]

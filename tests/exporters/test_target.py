@@ -1,4 +1,4 @@
-"""For every format: an export is complete or absent, and replaces another one only when that is said."""
+"""An export is complete or absent, and replaces only an export; `ExportTests` has what each format does."""
 
 import io
 import os
@@ -6,16 +6,14 @@ import resource
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
-from unittest.mock import Mock
 
 import pytest
-from exporters.reading import holds, one_setpoint
+from exporters.reading import files, holds
 from helpers import python
 
 import ibdata
 from ibdata.errors import IbdataError, UsageError
-from ibdata.exporters import FORMATS
-from ibdata.exporters._target import HDF5, is_export, is_folder_export
+from ibdata.exporters._target import HDF5
 
 KILLED = """
 import os, signal, sys
@@ -33,28 +31,6 @@ main(sys.argv[1:])
 """
 
 
-def files(folder):
-    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-@pytest.mark.parametrize("to", ["csv", "lerobot"])
-def test_an_export_is_replaced_only_when_that_is_said(dataset, tmp_path, to, monkeypatch):
-    """And stays if the one that is to replace it fails."""
-    options = {"split": "target", "history": 2}
-    ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to))
-    before = files(tmp_path)
-    with pytest.raises(UsageError, match=r"exists already; .* or overwrite=True to replace an export"):
-        ibdata.export(dataset, to, tmp_path / "made", **options)
-    with monkeypatch.context() as full:
-        full.setattr("ibdata.exporters._target.files.sync_all", Mock(side_effect=OSError(28, "no room")))
-        with pytest.raises(IbdataError, match="cannot be written: no room"):
-            ibdata.export(dataset, to, tmp_path / "made", **options, overwrite=True)
-    assert files(tmp_path) == before
-    made = ibdata.export(dataset, to, tmp_path / "made", **options, overwrite=True)
-    holds(made, dataset, **options)
-    assert set(files(tmp_path)) == set(before)
-
-
 @pytest.mark.slow
 def test_what_a_killed_export_left_is_discarded_by_the_next(dataset, tmp_path):
     args = ("export", dataset.path, "--to", "csv", "--out", tmp_path / "made")
@@ -68,7 +44,7 @@ def test_what_a_killed_export_left_is_discarded_by_the_next(dataset, tmp_path):
 @pytest.mark.parametrize("to", ["lerobot", "npz"])
 def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, monkeypatch):
     """zipfile, which fails to open a file to add to it, empties it, and goes on."""
-    split, real, numbers = one_setpoint(to), io.open, count(1)
+    real, numbers = io.open, count(1)
 
     def once(file, mode="r", *args, **options):
         if set(mode) & set("awx+") and str(tmp_path) in str(file) and next(numbers) == fails:
@@ -80,27 +56,10 @@ def test_a_file_that_cannot_be_opened_once_is_an_error(dataset, tmp_path, to, mo
     for fails in count(1):
         numbers = count(1)
         with suppress(IbdataError):
-            made = ibdata.export(dataset, to, tmp_path / f"{fails}", split=split)
+            made = ibdata.export(dataset, to, tmp_path / f"{fails}")
             break
     assert next(numbers) == fails > 1  # nothing failed
-    holds(made, dataset, split, made.history)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 0.9])
-def test_a_write_that_fails_is_one_line(dataset, tmp_path, to, share):
-    """HDF5 would end the process with a segmentation fault, or close the file without a word."""
-    ibdata.export(dataset, to, tmp_path / "whole", split=one_setpoint(to))
-    largest = max(
-        path.stat().st_size for path in [tmp_path / "whole", *tmp_path.rglob("*")] if path.is_file()
-    )
-    before, limits = files(tmp_path), resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * largest), limits[1]))
-    try:
-        with pytest.raises(IbdataError, match=r"cannot be written: .*File too large"):
-            ibdata.export(dataset, to, tmp_path / "made", split=one_setpoint(to))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert files(tmp_path) == before
+    holds(made, dataset)
 
 
 @pytest.mark.parametrize("limit", [0, 5, 100])
@@ -165,12 +124,10 @@ def test_a_file_that_is_no_export_is_not_replaced(dataset, tmp_path):
         assert path.read_bytes() == data
 
 
-@pytest.mark.parametrize("to", [*(each for each in FORMATS if each != "minari"), "csv.gz"])
-def test_an_export_is_known_as_one(dataset, tmp_path, to):
-    to, _, ending = to.partition(".")
-    out = tmp_path / {"rllib": "x.parquet"}.get(to, f"x.{ending}")
-    ibdata.export(dataset, to, out, split="target", view={"observe": "markov"})
-    assert is_folder_export(out) if to == "lerobot" else is_export(out)
+@pytest.mark.parametrize(("to", "name"), [("csv", "x.csv.gz"), ("rllib", "x.parquet")])
+def test_another_form_of_a_format_is_replaced_too(dataset, tmp_path, to, name):
+    ibdata.export(dataset, to, tmp_path / name, view={"observe": "markov"})
+    holds(ibdata.export(dataset, to, tmp_path / name, overwrite=True), dataset)
 
 
 def test_a_file_or_what_a_link_points_to_is_replaced(dataset, tmp_path):

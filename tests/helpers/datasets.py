@@ -108,6 +108,14 @@ def dataset(declared, tmp_path_factory) -> Dataset:
 
 
 @pytest.fixture(scope="session")
+def doubles(declared, tmp_path_factory) -> Dataset:
+    """The same in float64, which most exports round."""
+    output = declared.output.model_copy(update={"dtype": "float64"})
+    experiment = declared.model_copy(update={"output": output})
+    return ibdata.generate(experiment, tmp_path_factory.mktemp("dataset") / "small", workers=1)
+
+
+@pytest.fixture(scope="session")
 def tiny(tmp_path_factory) -> list[Dataset]:
     """The datasets of FOUR_SHARDS of the seeds 0 and 1."""
     folder = tmp_path_factory.mktemp("tiny")

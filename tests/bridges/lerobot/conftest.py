@@ -3,7 +3,6 @@
 import os
 import tempfile
 
-import pytest
 import torch
 
 # The libraries read these when they are imported.
@@ -16,21 +15,3 @@ except RuntimeError:  # it is compiled for graphics cards; LeRobot imports it, a
     for name in ("nms", "qnms"):
         schema = "(Tensor dets, Tensor scores, float iou_threshold) -> Tensor"
         torch.library.define(f"torchvision::{name}", schema)
-
-
-@pytest.fixture(scope="session")
-def dataset(tmp_path_factory):
-    """12 episodes of 40 steps at two setpoints."""
-    import ibdata
-
-    experiment = {
-        "name": "small",
-        "setpoints": [20, 70],
-        "policies": ["random", "safe"],
-        "episodes": 3,
-        "steps": 40,
-        "seed": 11,
-        "output": {"latent": "next"},
-        "splits": {"source": {"setpoint": 20}, "target": {"setpoint": 70, "episodes": 2}},
-    }
-    return ibdata.generate(experiment, tmp_path_factory.mktemp("bridge") / "small", workers=1)

@@ -8,6 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import torch
+from exporters.export_tests import ExportTests
+from exporters.reading import LEROBOT, of_lerobot, ran
 from lerobot.datasets.compute_stats import aggregate_stats, compute_episode_stats
 from lerobot.datasets.lerobot_dataset import LeRobotDataset, LeRobotDatasetMetadata
 from lerobot.datasets.utils import DEFAULT_FEATURES, flatten_dict, unflatten_dict
@@ -15,42 +17,22 @@ from lerobot.datasets.utils import DEFAULT_FEATURES, flatten_dict, unflatten_dic
 import ibdata
 
 logging.getLogger().setLevel(logging.ERROR)  # LeRobot warns of the video decoder that is not there
-VIEWS = {
-    "plain": (1, {}),
-    "markov": (4, {"observe": "markov", "actions": True, "reward": {"consumption": 1, "fatigue": 1}}),
-    "one number": (1, {"observe": ["obs_fatigue"], "reward_scale": 0.1, "cost": {"fatigue": 5}}),
-}
-NAMES = {
-    "observation.state": "observations",
-    "action": "actions",
-    "next.observation.state": "next_observations",
-    "next.reward": "rewards",
-    "next.terminated": "terminated",
-    "next.truncated": "truncated",
-    "next.cost": "costs",
-}
 
 
-def opened(made, **options):
-    return LeRobotDataset("ibdata/small", root=made.path, **options)
+def opened(made):
+    return LeRobotDataset("ibdata/small", root=made.path)
 
 
-@pytest.mark.parametrize(("history", "view"), VIEWS.values(), ids=VIEWS)
-def test_every_value_of_the_arrays_is_there_again(dataset, tmp_path, history, view):
-    names = {}
-    exec(ibdata.export(dataset, "lerobot", tmp_path / "made", history=history, view=view).snippet, names)
-    found, arrays = names["dataset"], dataset.arrays(history, view=view)
-    assert (found.num_episodes, found.num_frames, found.fps) == (12, 480, 1)
-    items = [found[i] for i in range(480)]
-    for key, name in NAMES.items():
-        if name == "costs" and "cost" not in view:
-            continue
-        values = torch.stack([item[key] for item in items]).numpy()
-        assert values.dtype == arrays[name].dtype
-        assert values.tobytes() == arrays[name].tobytes()
-    assert [item["next.done"].item() for item in items] == ([False] * 39 + [True]) * 12
-    assert items[0]["task"] == "Operate the Industrial Benchmark at setpoint 20"
-    assert items[479]["task"] == "Operate the Industrial Benchmark at setpoint 70"
+class TestLeRobot(ExportTests):
+    format = "lerobot"
+
+    def read(self, made):
+        found = ran(made)["dataset"]
+        assert (found.num_episodes, found.num_frames) == (made.episodes, made.rows)
+        items = [found[i] for i in range(made.rows)]
+        assert items[-1]["task"].startswith("Operate the Industrial Benchmark at setpoint ")
+        columns = items[0].keys() & LEROBOT.keys()
+        return of_lerobot({name: torch.stack([item[name] for item in items]).numpy() for name in columns})
 
 
 def written_by_lerobot(found, root):

@@ -6,27 +6,12 @@ import gymnasium
 import minari
 import numpy as np
 import pytest
+from exporters.export_tests import ExportTests
+from exporters.reading import equal, ran
 
 import ibdata
 from ibdata.dataset import reference_returns
 from ibdata.errors import UsageError
-
-SMALL = {
-    "name": "small",
-    "setpoints": [20, 70],
-    "policies": ["random", "safe"],
-    "episodes": 3,
-    "steps": 25,
-    "seed": 11,
-    "output": {"latent": "next", "shard_rows": 50},
-    "splits": {"source": {"setpoint": 20}, "target": {"setpoint": 70, "episodes": 2}},
-}
-MARKOV = {"observe": "markov", "actions": True, "reward": {"consumption": 1.0, "fatigue": 1.0}}
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    return ibdata.generate(SMALL, tmp_path_factory.mktemp("bridge") / "small", workers=1)
 
 
 @pytest.fixture
@@ -36,46 +21,41 @@ def root(tmp_path, monkeypatch):
     return tmp_path / "root"
 
 
-def equal(found, expected):
-    assert found.dtype == expected.dtype
-    assert found.shape == expected.shape
-    assert found.tobytes() == expected.tobytes()
+class TestMinari(ExportTests):
+    format = "minari"
 
+    @pytest.fixture(autouse=True)
+    def put_back(self, monkeypatch):
+        monkeypatch.setenv("MINARI_DATASETS_PATH", "set by the snippet")
 
-@pytest.mark.parametrize(
-    "options",
-    [{"split": "target", "history": 4, "view": {"reward_scale": 0.01}}, {"history": 3, "view": MARKOV}],
-    ids=["split", "markov"],
-)
-def test_every_value_is_there_again(dataset, root, options, monkeypatch):
-    monkeypatch.setenv("MINARI_DATASETS_PATH", "set by the snippet")
-    made = ibdata.export(dataset, "minari", root, **options)
-    assert made.path == str(root / "ibdata" / "small-v0")
-    names: dict = {}
-    exec(made.snippet, names)
-    found, arrays = names["dataset"], dataset.arrays(**options)
-    assert (found.total_episodes, found.total_steps) == (made.episodes, made.rows)
-    assert len(arrays["rewards"]) == made.rows
-    for i, episode in enumerate(found):
-        rows = slice(25 * i, 25 * i + 25)
-        equal(episode.observations[:-1], arrays["observations"][rows])
-        equal(episode.observations[1:], arrays["next_observations"][rows])
-        equal(episode.actions, arrays["actions"][rows])
-        equal(episode.rewards, arrays["rewards"][rows])
-        assert episode.terminations.tolist() == [False] * 25
-        assert episode.truncations.tolist() == [False] * 24 + [True]
-        assert found.observation_space.contains(episode.observations[0])
+    def read(self, made):
+        found = ran(made)["dataset"]
+        assert (found.total_episodes, found.total_steps) == (made.episodes, made.rows)
+        episodes = list(found)
+        assert all(map(found.observation_space.contains, episodes[0].observations))
+        costs = [one.infos["cost"][:-1, 0] for one in episodes if "cost" in one.infos]
+        arrays = {
+            "observations": [one.observations[:-1] for one in episodes],
+            "actions": [one.actions for one in episodes],
+            "rewards": [one.rewards for one in episodes],
+            "next_observations": [one.observations[1:] for one in episodes],
+            "terminated": [one.terminations for one in episodes],
+            "truncated": [one.truncations for one in episodes],
+            **({"costs": costs} if costs else {}),
+        }
+        return {name: np.concatenate(values) for name, values in arrays.items()}
 
 
 def test_infos_are_the_columns_to_the_end_of_the_episode(dataset, root):
-    ibdata.export(dataset, "minari", root)
+    made = ibdata.export(dataset, "minari", root)
+    assert made.path == str(root / "ibdata" / "small-v0")
     table = dataset.table()
     for i, episode in enumerate(minari.load_dataset("ibdata/small-v0")):
         assert len(episode.infos) == 15
         for name, info in episode.infos.items():
-            equal(info[:-1, 0], table[name].to_numpy()[25 * i : 25 * i + 25])
+            equal(info[:-1, 0], table[name].to_numpy()[40 * i : 40 * i + 40])
             if name != "action_log_prob":
-                equal(info[1:, 0], table[f"next_{name}"].to_numpy()[25 * i : 25 * i + 25])
+                equal(info[1:, 0], table[f"next_{name}"].to_numpy()[40 * i : 40 * i + 40])
 
 
 def test_metadata_say_where_it_comes_from(dataset, root):
@@ -83,7 +63,7 @@ def test_metadata_say_where_it_comes_from(dataset, root):
     found = minari.load_dataset("ibdata/small-v0")
     metadata = found.storage.metadata
     assert dataset.content_root in metadata["description"]
-    assert metadata["algorithm_name"] == "random, safe"
+    assert metadata["algorithm_name"] == "calm, random"
     assert metadata["requirements"] == [f"ibdata>={ibdata.__version__}"]
     # No reset(seed=…) plays an episode again.
     assert not any("seed" in m for m in found.storage.get_episode_metadata(range(12)))

@@ -4,6 +4,8 @@ import gymnasium
 import numpy as np
 import pytest
 import ray
+from exporters.export_tests import ExportTests
+from exporters.reading import RLLIB
 from ray.rllib.algorithms.bc import BCConfig
 from ray.rllib.algorithms.cql import CQLConfig
 from ray.rllib.algorithms.marwil import MARWILConfig
@@ -21,9 +23,9 @@ def started():
 
 
 @pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    shown = {"name": "shown", "setpoints": 70, "policies": ["optimized"], "episodes": 2, "steps": 500}
-    return ibdata.generate(shown, tmp_path_factory.mktemp("rllib") / "shown", workers=1)
+def shown(tmp_path_factory):
+    experiment = {"name": "shown", "setpoints": 70, "policies": ["optimized"], "episodes": 2, "steps": 500}
+    return ibdata.generate(experiment, tmp_path_factory.mktemp("rllib") / "shown", workers=1)
 
 
 def losses(config, iterations):
@@ -35,23 +37,24 @@ def losses(config, iterations):
         algorithm.stop()
 
 
-def test_ray_reads_every_value_again(dataset, tmp_path):
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", view={"reward_scale": 0.01})
-    rows = ray.data.read_parquet(made.path).sort(["episode", "step"]).to_pandas()
-    arrays = dataset.arrays(view={"reward_scale": 0.01})
-    for column in ("observation", "action", "next_observation"):
-        assert np.stack(rows[column]).astype(np.float32).tobytes() == arrays[f"{column}s"].tobytes()
-    assert rows["reward"].to_numpy().tobytes() == arrays["rewards"].tobytes()
-    assert rows["truncated"].sum() == 2
-    assert not rows["terminated"].any()
+class TestRay(ExportTests):
+    """Ray Data reads the columns that the printed configuration names."""
+
+    format = "rllib"
+
+    def read(self, made):
+        rows = ray.data.read_parquet(made.path).sort(["episode", "step"]).to_pandas()
+        vectors = {name: np.stack(rows[name]) for name in rows if name in RLLIB and name != "reward"}
+        columns = {name: rows[name].to_numpy() for name in rows} | vectors
+        return {RLLIB.get(name, name): array for name, array in columns.items()}
 
 
 RATES = {"lr": None, "actor_lr": 1e-3, "critic_lr": 1e-3, "alpha_lr": 1e-3}  # of CQL, as the page says
 
 
 @pytest.mark.parametrize(("kind", "iterations"), [(BCConfig, 20), (MARWILConfig, 2), (CQLConfig, 2)])
-def test_algorithms_run_on_the_printed_configuration(dataset, tmp_path, kind, iterations):
-    made = ibdata.export(dataset, "rllib", tmp_path / "made", view={"reward_scale": 0.01})
+def test_algorithms_run_on_the_printed_configuration(shown, tmp_path, kind, iterations):
+    made = ibdata.export(shown, "rllib", tmp_path / "made", view={"reward_scale": 0.01})
     box = gymnasium.spaces.Box
     config = kind().environment(
         observation_space=box(-np.inf, np.inf, (6,), np.float32), action_space=box(-1, 1, (3,), np.float32)
