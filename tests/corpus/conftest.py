@@ -32,7 +32,7 @@ PLAIN = {
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a dataset d of four shards, and one of another seed, other."""
+    """A folder with a dataset d of four shards, which a case has also as `whole`, and one of another seed."""
     folder = tmp_path_factory.mktemp("made")
     for name, seed in (("d", 0), ("other", 1)):
         ibdata.generate(Experiment.model_validate({**PLAIN, "seed": seed}), folder / name, workers=1)
@@ -62,8 +62,8 @@ def prepared(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cal
         for line in damage:
             name, _, rest = line.partition(" ")
             if name == "dataset":
-                for each in ("d", "other"):
-                    shutil.copytree(made / each, each)
+                for each, of in (("d", "d"), ("whole", "d"), ("other", "other")):
+                    shutil.copytree(made / of, each)
             else:
                 WORDS[name](rest)
 
@@ -155,6 +155,8 @@ WORDS: dict[str, Callable[[str], Any]] = {
     "without": _table(lambda table, name: table.drop_columns(name)),
     "no-rows": _table(lambda table: table.slice(0, 0)),
     "fewer-rows": _table(lambda table: table.slice(0, len(table) - 1)),
+    "numbered": _table(lambda table: pa.table({"a": range(len(table))})),
+    "lists": _table(lambda table: pa.table({name: [[1]] * len(table) for name in table.column_names})),
     "double": _table(lambda table, name: _with(table, name, pc.cast(table[name], pa.float64()))),
     "nan": _table(_nan),
 }

@@ -5,14 +5,17 @@ A case begins with `== title`. The lines after it begin with a mark:
     | …       a line of x.yaml; `|*` stands for the lines of a small experiment
     @ …       the encoding of x.yaml
     ! …       makes a file, or damages the dataset d (see conftest.py)
+    ? … → …   the same as one of several, each a case of its own, with what ⟨⟩ stands for in its other lines
     $ 2: …    runs ibdata in this process and expects exit code 2; {a,b} runs it with a, then with b
     % 2: …    the same in a shell, in which $IBDATA is the command
-    > …       an expected line on stderr; these are all lines, but a bare mark allows any
+    > …       an expected line on stderr; these are all lines, but a bare mark allows any more
     >> …      an expected line on stdout, likewise
     & NAME: … stands for the lines below `== & NAME`, with what follows in the place of ⟨⟩
 
 In a line, … stands for any text, data/part-00000.parquet for the file of the first shard of d, \xff for a
 byte, \u2603 for a character, and ⟦a×3⟧ for aaa. A case without a run validates x.yaml and generates from it.
+
+Core damages datasets in all these ways, too, but runs only what refuses them.
 """
 
 import json
@@ -22,16 +25,14 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
 from ibdata._system.signals import STOPPING
 from ibdata.cli import main
-
-pytestmark = pytest.mark.corpus
 
 HERE = Path(__file__).parent
 SMALL = "name: x\nsetpoints: [20, 70]\npolicies: [{kind: random}]\nsteps: 3\n"
@@ -92,9 +93,20 @@ def expanded_lines(lines: list[str], shared: dict[str, list[str]]) -> list[str]:
     return found
 
 
-def parsed(block: str, shared: dict[str, list[str]]) -> Case:
+def variants(block: str, shared: dict[str, list[str]]) -> Iterator[Case]:
+    """The cases of a block: one, or one for each line that begins with a question mark."""
     title, *written = block.splitlines()
     lines = expanded_lines(written, shared)
+    several = [line for line in lines if line.startswith("? ")]
+    for one in several or [None]:
+        damage, _, said = (one or "").partition(" → ")
+        own = [f"! {damage[2:]}" if line == one else line.replace("⟨⟩", said) for line in lines]
+        yield parsed(
+            f"{title}: {damage[2:60]}" if one else title, [line for line in own if not line.startswith("? ")]
+        )
+
+
+def parsed(title: str, lines: list[str]) -> Case:
     config, encoding, damage, runs, last = "", "utf-8", [], [], []
     for line in lines:
         mark, _, rest = line.partition(" ")
@@ -123,11 +135,16 @@ def parsed(block: str, shared: dict[str, list[str]]) -> Case:
 def cases(name: str) -> list[Case]:
     blocks = re.split(r"^== ", (HERE / name).read_text(), flags=re.MULTILINE)[1:]
     shared = {block.split("\n")[0][2:]: block.split("\n")[1:] for block in blocks if block.startswith("& ")}
-    return [parsed(block, shared) for block in blocks if not block.startswith("& ")]
+    return [case for block in blocks if not block.startswith("& ") for case in variants(block, shared)]
 
 
 CASES = {path.name: cases(path.name) for path in sorted(HERE.glob("*.txt"))}
-ALL = [pytest.param(case, id=f"{name[:-4]}: {case.title}") for name, found in CASES.items() for case in found]
+DAMAGED = [case for name in DATA for case in CASES[name]]
+ALL = [
+    pytest.param(case, id=f"{name[:-4]}: {case.title}", marks=pytest.mark.corpus)
+    for name, found in CASES.items()
+    for case in found
+]
 
 
 def with_names(case: Case, named: Callable[[str], str]) -> Case:
@@ -139,9 +156,11 @@ def with_names(case: Case, named: Callable[[str], str]) -> Case:
     return case._replace(damage=[*map(named, case.damage)], runs=runs)
 
 
-def fits(pattern: str, line: str) -> bool:
-    parts = (re.escape(part) for part in pattern.split("…"))
-    return re.fullmatch(".*".join(parts), line, re.DOTALL) is not None
+def fits(expected: list[str], text: str) -> bool:
+    lines = (
+        "[^\n]*".join(map(re.escape, line.split("…"))) + "\n" if line else "(?s:.*)" for line in expected
+    )
+    return re.fullmatch("".join(lines), text) is not None
 
 
 def contents() -> dict[str, bytes | None]:
@@ -186,11 +205,9 @@ def differences(run: Run, code: int, out: str, err: str) -> list[str]:
     found += [
         f"found {word!r}" for word in ("Traceback", "a bug of ibdata", "Exception") if word in out + err
     ]
-    lines = err.split("\n")[:-1]
-    if run.err != [""] and not (len(lines) == len(run.err) and all(map(fits, run.err, lines))):
+    if not fits(run.err, err):
         found.append(f"expected on stderr: {run.err}")
-    shown = out.split("\n")[:-1]
-    if run.out and not (run.out == [""] or (len(shown) == len(run.out) and all(map(fits, run.out, shown)))):
+    if run.out and not fits(run.out, out):
         found.append(f"expected on stdout: {run.out}")
     if not run.out and code and out:
         found.append("expected nothing on stdout")
@@ -199,7 +216,12 @@ def differences(run: Run, code: int, out: str, err: str) -> list[str]:
     return [f"{run.line[:200]}: {line}\n{said}" for line in found]
 
 
-@pytest.mark.parametrize("case", ALL)
+def in_core(case: Case) -> Any:
+    runs = [run for run in case.runs if run.code]
+    return pytest.param(case._replace(runs=runs), id=f"in core: {case.title}")
+
+
+@pytest.mark.parametrize("case", [*ALL, *map(in_core, DAMAGED)])
 def test_an_input_has_the_exit_code_and_the_message_beside_it(case, prepared, named, capfd, command):
     case = with_names(case, named)
     prepared(case.config, case.damage)
@@ -217,7 +239,6 @@ def test_an_input_has_the_exit_code_and_the_message_beside_it(case, prepared, na
 
 
 def test_every_reading_command_sees_every_damage():
-    damaged = [case for name in DATA for case in CASES[name]]
-    assert all(len(case.damage) > 1 for case in damaged)
-    shown = {case.title: {run.line.split()[0] for run in case.runs} for case in damaged}
+    assert all(len(case.damage) > 1 for case in DAMAGED)
+    shown = {case.title: {run.line.split()[0] for run in case.runs} for case in DAMAGED}
     assert {title for title, commands in shown.items() if not commands >= READING} == set()
