@@ -27,7 +27,7 @@ if hasattr(signal, "SIGHUP"):
 if not FULL:
     os.fsync = lambda descriptor: None  # 30 waits for the disk in each run; those of children stay
 
-pytest_plugins = ["helpers.datasets", "helpers.forks", "helpers.pages"]
+pytest_plugins = ["helpers.datasets", "helpers.forks", "helpers.own_code", "helpers.pages"]
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 ShardFile = Callable[[str | Path, int], str]

@@ -1,12 +1,11 @@
 """Custom code: its origin is noted, another origin is refused, and what else it does makes no harm."""
 
 import json
-import textwrap
 from pathlib import Path
 
 import pytest
 from helpers.folders import run_of
-from helpers.own_code import generate, sha256, stopped
+from helpers.own_code import FILES, SEVERAL
 
 import ibdata
 from ibdata.dataset.models import Code
@@ -17,29 +16,34 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def whole(here):
-    """The current folder, with a policy that does not stop."""
-    (here / "at-70-stop.py").unlink()
-    return here
+def own(code):
+    """A policy of several files in the current folder."""
+    return code(FILES, **SEVERAL)
 
 
 @pytest.mark.parametrize(("path", "named"), [("mine.py", "mine:Own"), ("lazy.py", "lazy.py")])
-def test_a_run_goes_on_with_the_same_code_only(here, path, named):
-    stopped()
+def test_a_run_goes_on_with_the_same_code_only(own, path, named):
+    """And its data are taken, read and made again with it only."""
+    own.stopped()
     kept = run_of("out")
-    was = (here / path).read_bytes()
-    (here / path).write_bytes(was + b"\n")
     before = sorted(Path(".out.part").rglob("*"))
-    line = f"^out: holds an unfinished run with other code, in {named}, 2 of 4 shards; remove "
+    edited = {path: FILES[path] + "\n"}
+    own.edit(edited)
     for options in ({"shards": "1/2"}, {}):
+        line = f"^out: holds an unfinished run with other code, in {named}, 2 of 4 shards; remove "
         with pytest.raises(UsageError, match=line):
-            generate(**options)
+            own.run(**options)
     assert sorted(Path(".out.part").rglob("*")) == before
-    (here / path).write_bytes(was)
+    own.edit(FILES)
     shards = {path.name for path in kept.glob("dataset/data/*")}
-    assert generate().content_root == generate("whole").content_root
+    assert own.run().content_root == own.run("whole").content_root
     # Those that have receipts are kept; the file of one that was being made when the run stopped is not.
     assert len(shards & {path.name for path in Path("out/data").iterdir()}) >= 2
+    own.edit(edited)
+    with pytest.raises(UsageError, match=f"^out: holds .* other code, in {named}; overwrite=True"):
+        own.run()
+    with pytest.raises(UsageError, match=f"^out: found other code than .*made with, in {named}; restore"):
+        ibdata.importance("out", ibdata.load("own.yaml").policies[0], allow_code=True)
 
 
 CODE = {"code": [Code(target="mine:Own", version=None, sha256="0" * 64)]}
@@ -50,18 +54,18 @@ OTHERS = {
 
 
 @pytest.mark.parametrize(("line", "noted"), OTHERS.items())
-def test_a_worker_with_other_code_or_bits_is_refused(whole, monkeypatch, noted, line):
+def test_a_worker_with_other_code_or_bits_is_refused(own, monkeypatch, noted, line):
     write = Record.write
     monkeypatch.setattr(Record, "write", lambda record, run: write(record.model_copy(update=noted), run))
     with pytest.raises(UsageError, match=line):
-        generate(workers=2)
-    assert not (whole / "out").exists()
+        own.run(workers=2)
+    assert not Path("out").exists()
 
 
-def test_finalize_imports_nothing(whole):
-    generate(shards="1/1")
-    known = sha256("mine.py")
-    Path("mine.py").write_text("raise RuntimeError('imported')")
+def test_finalize_imports_nothing(own):
+    own.run(shards="1/1")
+    known = own.sha256("mine.py")
+    own.edit({"mine.py": "raise RuntimeError('imported')"})
     (code,) = ibdata.finalize("out").manifest["code"]
     assert code["sha256"] == known
 
@@ -78,18 +82,16 @@ STRAY = """
 """
 
 
-def test_a_policy_that_exits_is_an_error(here, ibdata):
+def test_a_policy_that_exits_is_an_error(own, ibdata):
     """What it prints goes to stderr."""
-    Path("mine.py").write_text(
-        textwrap.dedent(STRAY).format(act="sys.exit(0) if history[0, 0, 0] == 70 else 0")
-    )
+    own.edit({"mine.py": STRAY.format(act="sys.exit(0) if history[0, 0, 0] == 70 else 0")})
     args = ("generate", "-q", "--json", "own.yaml", "--out", "out", "--allow-code", "--workers", "2")
     done = ibdata(*args)
     last = done.stderr.splitlines()[-1].replace("episode 3", "episode 2")
     given = "it was given observations (1, 1, 6) and random numbers (1, 3)"
     assert last.endswith(f"policy custom: episode 2: step 0: mine.py:8: SystemExit: 0; {given}")
     assert done.returncode == 1
-    Path("mine.py").write_text(textwrap.dedent(STRAY).format(act="pass"))
+    own.edit({"mine.py": STRAY.format(act="pass")})
     done = ibdata(*args, "--overwrite")
     assert json.loads(done.stdout)["rows"] == 16
     assert {"imported", "acts"} <= set(done.stderr.split())

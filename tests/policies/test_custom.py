@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
+from pathlib import Path
 
 import numba
 import numpy as np
 import pytest
 from helpers import remembering
-from helpers.own_code import described
+from helpers.own_code import FORMS
 from helpers.policies import proposed, ready
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError
-from ibdata.experiment import load
 from ibdata.policies.user_object import Custom
 from ibdata.testing import check_policy
+
+
+@pytest.fixture
+def mine(code):
+    """A function for the policy of a block, with a module `mine` in the current folder."""
+    return lambda **block: code(FORMS, **block)
 
 
 @pytest.mark.parametrize(
@@ -32,6 +37,7 @@ from ibdata.testing import check_policy
     ],
 )  # fmt: skip
 def test_act_and_predict_are_asked_for_actions(mine, options, actions):
+    mine(**options)
     policy = ready(Custom(**options))
     rng = np.random.default_rng(0)
     history = rng.uniform(0, 100, (7, policy.needs.history, 6)).astype(np.float32)
@@ -50,8 +56,8 @@ def test_act_and_predict_are_asked_for_actions(mine, options, actions):
         ("mine:counting", "policy custom: found other actions when the same was asked again"),
     ],
 )
-@pytest.mark.usefixtures("mine")
-def test_what_cannot_be_used_is_one_line(target, line):
+def test_what_cannot_be_used_is_one_line(mine, target, line):
+    mine(target=target)
     with pytest.raises(PolicyError) as error:
         ibdata.evaluate({"kind": "custom", "target": target}, steps=3, episodes=2)
     assert str(error.value).startswith(line)
@@ -61,47 +67,46 @@ def test_what_cannot_be_used_is_one_line(target, line):
 @pytest.mark.parametrize("wrap", [False, True], ids=["itself", "as a base"])
 def test_code_runs_only_where_it_is_allowed(mine, wrap, capsys):
     block = {"kind": "custom", "target": "mine:actor", "draws": 3}
-    block = {"kind": "epsilon_greedy", "base": block, "epsilon": 0.5} if wrap else block
-    experiment = load({**described(target="mine:actor").plain(), "policies": [block]})
+    own = mine(**({"kind": "epsilon_greedy", "base": block, "epsilon": 0.5} if wrap else block))
     with pytest.raises(UsageError, match="found a custom policy, mine:actor, which is code"):
-        ibdata.generate(experiment, "out", workers=2)
-    assert not (mine / "imported").exists()
-    made = ibdata.generate(experiment, "out", workers=2, allow_code=True)
+        own.run(workers=2, allow_code=False)
+    assert not Path("imported").exists()
+    made = own.run(workers=2)
     assert "ibdata: running the code of mine:actor" in capsys.readouterr().err
     assert made.manifest["reproducible"] == "same-environment"
     recorded = {
         "target": "mine:actor",
         "version": None,
-        "sha256": hashlib.sha256((mine / "mine.py").read_bytes()).hexdigest(),
+        "sha256": own.sha256("mine.py"),
         "files": {},
         "distributions": {"numba": numba.__version__, "numpy": np.__version__},
     }
     assert made.manifest["code"] == [recorded]
-    assert ibdata.generate(experiment, "again", workers=1, allow_code=True).content_root == made.content_root
+    assert own.run("again").content_root == made.content_root
 
 
 @pytest.mark.slow
 def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
-    made = ibdata.generate(described(target="mine:Learned", history=2), "out", workers=1, allow_code=True)
-    (mine / "imported").unlink()
+    made = mine(target="mine:Learned", history=2).run()
+    Path("imported").unlink()
     assert ibdata.validate("out") == []
     ibdata.split("out", {"source": {"setpoint": 20}, "target": {"setpoint": 70}})
     ibdata.open("out").statistics()
-    shard = shard_file(mine / "out", 1)
-    (mine / "out" / shard).unlink()
+    shard = shard_file("out", 1)
+    Path("out", shard).unlink()
     for call in (ibdata.repair, ibdata.reproduce):
         with pytest.raises(UsageError, match="which is code that would run; allow_code=True if you trust it"):
             call("out")
-    assert not (mine / "imported").exists()
+    assert not Path("imported").exists()
     assert ibdata.repair("out", workers=1, allow_code=True) == [shard]
-    assert ibdata.reproduce("out", allow_code=True) == (2, [])
+    assert ibdata.reproduce("out", allow_code=True) == (4, [])
     assert ibdata.open("out").content_root == made.content_root
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["Centred", "Resetting"])
-def test_what_is_remembered_is_the_same_over_files_workers_and_repair(mine, shard_file, name):
-    (mine / "remembering.py").write_text(inspect.getsource(remembering))
+def test_what_is_remembered_is_the_same_over_files_workers_and_repair(code, shard_file, name):
+    code({"remembering.py": inspect.getsource(remembering)})
     block = {"kind": "custom", "target": f"remembering.py:{name}", "draws": 3}
     sticky = {"kind": "sticky", "base": block, "kappa": 0.3}
     plain = {"name": "x", "setpoints": [20, 70], "policies": [block, sticky], "episodes": 3, "steps": 12}
@@ -120,10 +125,8 @@ def test_what_is_remembered_is_the_same_over_files_workers_and_repair(mine, shar
 
 
 def test_evaluating_a_file_that_names_code_needs_leave(mine):
-    (mine / "p.yaml").write_text("{kind: custom, target: 'mine:actor', draws: 3}")
-    (mine / "e.yaml").write_text(
-        "{name: e, setpoints: 20, policies: [{kind: custom, target: 'mine:actor', draws: 3}]}"
-    )
+    block = "{kind: custom, target: 'mine:actor', draws: 3}"
+    mine().edit({"p.yaml": block, "e.yaml": f"{{name: e, setpoints: 20, policies: [{block}]}}"})
     [of_experiment] = ibdata.load("e.yaml").policies
     for run in (ibdata.evaluate, check_policy):
         for policy in ("p.yaml", of_experiment):
@@ -131,16 +134,16 @@ def test_evaluating_a_file_that_names_code_needs_leave(mine):
                 UsageError, match="the custom policy mine:actor of a file, which is code that"
             ):
                 run(policy)
-    assert not (mine / "imported").exists()
+    assert not Path("imported").exists()
     check_policy(of_experiment, allow_code=True)
     from_file = ibdata.evaluate("p.yaml", steps=3, episodes=2, allow_code=True)
     typed = ibdata.evaluate({"kind": "custom", "target": "mine:actor", "draws": 3}, steps=3, episodes=2)
     assert from_file.returns.tolist() == typed.returns.tolist()
 
 
-def test_code_may_change_its_params(mine):
+def test_code_may_change_its_params(code):
     """They are its own: the block, which is recorded, stays as it is."""
-    code = "def made(layers):\n    layers.append(9)\n    return lambda observations: observations[:, 1:4]\n"
-    (mine / "changing.py").write_text(code)
+    text = "def made(layers):\n    layers.append(9)\n    return lambda observations: observations[:, 1:4]\n"
+    code({"changing.py": text})
     policy = Custom(target="changing.py:made", params={"layers": [1]})
     assert ready(policy).params == ready(policy).params == policy.params == {"layers": [1]}
