@@ -103,6 +103,29 @@ def files() -> Callable[[str | Path], dict[str, bytes]]:
     return below
 
 
+SIZES = {  # of what is worked on at a time
+    "lanes": "ibdata.plan.rollout.LANES",
+    "part_rows": "ibdata.plan.rollout.PART_ROWS",
+    "lane_steps": "ibdata._simulation.unroll.BLOCK",
+    "row_group_rows": "ibdata.generation.shard.ROW_GROUP_ROWS",
+    "checked_rows": "ibdata.tools.checks.PIECE_ROWS",
+    "sampled_rows": "ibdata.dataset.statistics.SAMPLE_ROWS",
+    "compared_rows": "ibdata.evaluation.overlap.PART_ROWS",
+    "counted_rows": "ibdata.dataset.quality.BLOCK_ROWS",
+}
+
+
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """A function that makes small what is worked on at a time; see SIZES."""
+
+    def shrink(**sizes: int) -> None:
+        for name, size in sizes.items():
+            monkeypatch.setattr(SIZES[name], size)
+
+    return shrink
+
+
 @pytest.fixture
 def url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """The URL of a folder `there` that is not there yet, in an empty current folder."""

@@ -7,7 +7,6 @@ import pyarrow as pa
 import pytest
 
 import ibdata
-import ibdata.dataset.quality as module
 from ibdata.dataset.quality import (
     PAIRS,
     STATES,
@@ -108,13 +107,13 @@ def test_random_actions_have_coverage_1_and_full_entropy_and_others_less(explore
     assert half.action_entropy == pytest.approx(0.5 * np.log(2) + 0.5 * np.log(16), abs=0.1)
 
 
-def test_the_pairs_are_those_of_all_rows_whatever_the_batches(explored, monkeypatch):
+def test_the_pairs_are_those_of_all_rows_whatever_the_batches(explored, small_blocks):
     frame = explored.to_pandas()
     states = state_numbers(frame["obs_setpoint"], frame[["obs_velocity", "obs_gain", "obs_shift"]])
     numbers = pair_numbers(states, frame[["act_velocity", "act_gain", "act_shift"]])
     whole = ibdata.quality(explored)
     assert whole.pairs == len(np.unique(numbers))
-    monkeypatch.setattr(module, "BLOCK_ROWS", 333)
+    small_blocks(counted_rows=333)
     parts = ibdata.quality(explored)
     assert parts.plain() == pytest.approx(whole.plain())
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import ibdata
-from ibdata.dataset import statistics
 from ibdata.errors import BusyError, DatasetError
 
 LATER = {
@@ -42,8 +41,8 @@ def test_later_splits_follow_the_declared_ones(split, dataset):
 
 
 @pytest.mark.parametrize("most", [10**6, 20], ids=["all rows", "a sample"])
-def test_the_statistics_of_a_later_split_are_those_of_its_rows(split, monkeypatch, most):
-    monkeypatch.setattr(statistics, "SAMPLE_ROWS", most)
+def test_the_statistics_of_a_later_split_are_those_of_its_rows(split, small_blocks, most):
+    small_blocks(sampled_rows=most)
     found, rows = split.statistics("odd"), split.to_pandas(split="odd")
     assert list(found) == list(split.statistics())
     for name, described in found.items():

@@ -65,15 +65,14 @@ def test_all_policies_meet_the_same_environment(start):
     assert (found.returns[0] != found.returns[2]).all()
 
 
-def test_nothing_but_the_address_matters(monkeypatch):
+def test_nothing_but_the_address_matters(small_blocks):
     """More episodes, steps, setpoints, policies, and more lanes than a block holds."""
     few = returns("random", [10.0, 70.0])
-    with monkeypatch.context() as patch:
-        patch.setattr("ibdata._simulation.unroll.BLOCK", 7)
-        np.testing.assert_array_equal(returns("random", [10.0, 70.0]), few)
     np.testing.assert_array_equal(returns("random", [70.0])[0], few[1])
     np.testing.assert_array_equal(returns("random", [70.0], episodes=300)[0, :4], few[1])
     np.testing.assert_array_equal(
         evaluate(["safe", "random"], 10.0, steps=30, episodes=4).returns[1], few[:1]
     )
     assert (returns("random", seed=1) != few[1]).all()
+    small_blocks(lane_steps=7)
+    np.testing.assert_array_equal(returns("random", [10.0, 70.0]), few)

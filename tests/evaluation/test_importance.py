@@ -108,7 +108,7 @@ def dataset(tmp_path_factory):
     return ibdata.generate(experiment, tmp_path_factory.mktemp("importance") / "x", workers=1)
 
 
-def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
+def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch, small_blocks):
     """A small rest could be refused for one rare action."""
     whole, sizes = ibdata.importance(dataset, "random"), []
 
@@ -116,7 +116,7 @@ def test_the_parts_of_a_policy_are_alike_in_size(dataset, monkeypatch):
         sizes.append(len(part.numbers))
         return log_ratios(part, *others)
 
-    monkeypatch.setattr("ibdata.evaluation.overlap.PART_ROWS", 6 * 15)
+    small_blocks(compared_rows=6 * 15)
     monkeypatch.setattr("ibdata.evaluation.importance.log_ratios", counted)
     in_parts = ibdata.importance(dataset, "random")
     assert sizes == [14, 13, 13] * 2

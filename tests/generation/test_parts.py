@@ -11,9 +11,7 @@ import ibdata
 from ibdata.dataset import statistics
 from ibdata.dataset.statistics import Moments, merged, moments, statistics_of_columns
 from ibdata.generation import pieces as columns
-from ibdata.generation import shard
 from ibdata.plan.rollout import FilledColumns, rollout
-from ibdata.tools import checks
 
 
 @pytest.fixture
@@ -22,24 +20,12 @@ def experiment(describe):
     return describe(steps=20, episodes=15, policies=[{"kind": "safe"}])
 
 
-@pytest.fixture
-def small_parts(monkeypatch):
-    """Parts of 8 episodes, 160 rows, and row groups of 100 rows."""
-
-    def shrink():
-        monkeypatch.setattr("ibdata.plan.rollout.LANES", 8)
-        monkeypatch.setattr("ibdata.plan.rollout.PART_ROWS", 200)
-        monkeypatch.setattr(shard, "ROW_GROUP_ROWS", 100)
-
-    return shrink
-
-
-def test_parts_do_not_change_a_dataset(experiment, small_parts, monkeypatch, tmp_path):
+def test_parts_do_not_change_a_dataset(experiment, small_blocks, monkeypatch, tmp_path):
     """Only the row groups of its file; quantiles of a sample are of the same rows."""
-    monkeypatch.setattr(statistics, "SAMPLE_ROWS", 90)
+    small_blocks(sampled_rows=90)
     monkeypatch.setattr(statistics, "SAMPLE_LEAST", 1)
     whole = ibdata.generate(experiment, tmp_path / "whole", workers=1)
-    small_parts()
+    small_blocks(lanes=8, part_rows=200, row_group_rows=100)  # parts have 160 rows
     made = ibdata.generate(experiment, tmp_path / "parts", workers=1)
     assert made.content_root == whole.content_root
     assert made.table().equals(whole.table())
@@ -67,9 +53,8 @@ USES = {
 }
 
 
-def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
-    monkeypatch.setattr("ibdata.plan.rollout.LANES", 10)
-    monkeypatch.setattr("ibdata.plan.rollout.PART_ROWS", PART)
+def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch, small_blocks):
+    small_blocks(lanes=10, part_rows=PART, checked_rows=PART)
     made = ibdata.generate(describe(episodes=50), tmp_path / "made", workers=1)
     assert len(made.manifest["shards"]) == 1
     held = []
@@ -82,7 +67,6 @@ def test_few_rows_are_held_at_a_time(describe, tmp_path, monkeypatch):
 
         return noted
 
-    monkeypatch.setattr(checks, "PIECE_ROWS", PART)
     monkeypatch.setattr(columns, "FilledColumns", seen(FilledColumns))
     monkeypatch.setattr("ibdata.generation.pieces.rollout", seen(rollout))
     for name, use in USES.items():

@@ -28,11 +28,11 @@ def duck():
 
 
 @pytest.mark.parametrize("make", [Resetting, Recurrent, duck])
-def test_what_is_remembered_is_the_same_in_any_block(make, monkeypatch):
+def test_what_is_remembered_is_the_same_in_any_block(make, small_blocks):
     policy = make()
     together = returns(policy)
     assert len(set(together)) == 5
-    monkeypatch.setattr("ibdata.plan.rollout.LANES", 2)
+    small_blocks(lanes=2)
     assert returns(policy) == returns(make()) == together
     check_policy(policy, checked.histories(4, 1))
 

@@ -93,10 +93,9 @@ def played(experiment, first=0, stop=8):
 
 
 @pytest.fixture
-def questions(monkeypatch):
+def questions(monkeypatch, small_blocks):
     """The experiment, its columns, and what the policy was given, by field (8 episodes, steps, …)."""
-    monkeypatch.setattr("ibdata.plan.rollout.LANES", 3)
-    monkeypatch.setattr("ibdata._simulation.unroll.BLOCK", 4)
+    small_blocks(lanes=3, lane_steps=4)
     monkeypatch.setattr(Recalling, "given", [])
     experiment = described(Recalling())
     made = played(experiment)
@@ -181,7 +180,7 @@ def test_clipped_actions_are_counted_once_a_row():
     assert of_random == 0 < of_safe == of_both
 
 
-def test_an_error_of_several_steps_names_its_own(monkeypatch):
+def test_an_error_of_several_steps_names_its_own(monkeypatch, small_blocks):
     """It acts for all lanes of several steps in one call: here episode 1 at step 2 + 3."""
     calls = itertools.count()
 
@@ -190,7 +189,7 @@ def test_an_error_of_several_steps_names_its_own(monkeypatch):
         wrong = (np.arange(8)[:, None] == 1 * 2 + 1) & (next(calls) == 1)
         return Decision(np.where(wrong, np.nan, given.draws), given.memory)
 
-    monkeypatch.setattr("ibdata._simulation.unroll.BLOCK", 4)
+    small_blocks(lane_steps=4)
     monkeypatch.setattr("ibdata.policies.baselines.Random.decide", decide)
     with pytest.raises(PolicyError, match=r"^policy random: episode 1: step 5: found action \[nan nan nan\]"):
         rollout(ibdata.load("random", ["steps=8"]), 0, 2)
