@@ -5,7 +5,7 @@ A case begins with `== title`. The lines after it begin with a mark:
     | …       a line of x.yaml; `|*` stands for the lines of a small experiment
     @ …       the encoding of x.yaml
     ! …       makes a file, or damages the dataset d (see conftest.py)
-    ? … → …   the same as one of several, each a case of its own, with what ⟨⟩ stands for in its other lines
+    ? … → …   one of several such lines (of x.yaml after a bar), each a case of its own with its text for ⟨⟩
     $ 2: …    runs ibdata in this process and expects exit code 2; {a,b} runs it with a, then with b
     % 2: …    the same in a shell, in which $IBDATA is the command
     > …       an expected line on stderr; these are all lines, but a bare mark allows any more
@@ -100,7 +100,8 @@ def variants(block: str, shared: dict[str, list[str]]) -> Iterator[Case]:
     several = [line for line in lines if line.startswith("? ")]
     for one in several or [None]:
         damage, _, said = (one or "").partition(" → ")
-        own = [f"! {damage[2:]}" if line == one else line.replace("⟨⟩", said) for line in lines]
+        chosen = damage[2:] if damage.startswith("? |") else f"!{damage[1:]}"
+        own = [chosen if line == one else line.replace("⟨⟩", said) for line in lines]
         yield parsed(
             f"{title}: {damage[2:60]}" if one else title, [line for line in own if not line.startswith("? ")]
         )
