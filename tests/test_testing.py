@@ -8,10 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from helpers.objects import Sure
 from scipy.special import ndtri
 
 from ibdata.errors import PolicyError
-from ibdata.policies import ClippedNormal, Decision, Deterministic, Distribution, Needs, Policy, checked
+from ibdata.policies import ClippedNormal, Decision, Distribution, Needs, Policy, checked
 from ibdata.testing import check_policy
 
 FEW = checked.histories(2, 1)  # situations, in each of which 20,000 actions are drawn
@@ -67,21 +68,6 @@ class Stubborn(Policy):
     def decide(self, given):
         kept = self.sides(given.step, given.memory)
         return Decision(kept, kept.sample(given.draws)[:, :1])
-
-
-class Still(Policy):
-    """Has no density."""
-
-    kind: str = "still"
-
-    def decide(self, given):
-        return Decision(np.zeros((len(given.step), 3)), given.memory)
-
-
-class Sure(Still, Deterministic):
-    """Says that its action is certain."""
-
-    kind: str = "sure"
 
 
 class Learned:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from helpers import by_hand
+from helpers.refusals import refused
 from helpers.views import VIEWS
 
 import ibdata
@@ -138,9 +141,7 @@ def test_a_replay_through_a_view_shows_its_rows(played, view):
 )
 def test_options_that_cannot_be_meant_are_one_line(dataset, options, lanes, message):
     given = options if len(options) == 2 or "only one" in message else {"dataset": dataset, **options}
-    with pytest.raises(UsageError) as caught:
-        Replay.asked_for(given, settings(), lanes)
-    assert str(caught.value).startswith(message)
+    refused(f"^{re.escape(message)}", Replay.asked_for, given, settings(), lanes)
     assert Replay.asked_for({"reset_mask": np.ones(1, dtype=bool)}, settings(), 1, "reset_mask") is None
 
 

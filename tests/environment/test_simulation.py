@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from helpers import by_hand
+from helpers.refusals import refused
 
 from ibdata._numerics.random import Purpose
 from ibdata.dynamics import initial_state
@@ -125,9 +128,8 @@ def test_the_first_delta_reward_is_within_the_episode():
 )
 def test_a_state_that_cannot_be_gone_on_from_is_one_line(fault, message):
     lane = Lane(settings(setpoint=70))
-    with pytest.raises(UsageError) as caught:
-        lane.set_state(fault(initial_state([70.0])), lane.everyone, random_tape(1))
-    assert str(caught.value).startswith(message)
+    state = fault(initial_state([70.0]))
+    refused(f"^{re.escape(message)}", lane.set_state, state, lane.everyone, random_tape(1))
     moving = Lane(settings(setpoint="drifting"))
     with pytest.raises(
         UsageError, match="found a state of a constant setpoint; make the environment with setpoint=a"

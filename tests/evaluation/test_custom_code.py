@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
+from helpers.refusals import refused
 
 import ibdata
-from ibdata.errors import UsageError
 
 EXPLORER = """
     import numpy as np
@@ -38,13 +37,11 @@ BLOCK = {"kind": "custom", "target": "explorer.py:Explorer", "draws": 6}
 def test_weights_of_custom_data_need_consent_and_the_same_code_and_states_none(code):
     own = code({"explorer.py": EXPLORER, "helper_of_explorer.py": "PUSH = 0.0\n"}, **BLOCK)
     ds = own.run("x")
-    with pytest.raises(UsageError, match="code that would run"):
-        ibdata.importance(ds, "random")
+    refused("code that would run", ibdata.importance, ds, "random")
     found = ibdata.importance(ds, BLOCK, allow_code=True)
     np.testing.assert_allclose(found.weights, 1.0, rtol=1e-6)  # recorded densities are float32
     own.edit({"helper_of_explorer.py": "PUSH = 0.3\n"})
     line = r"x: found other code than .*made with, in helper_of_explorer\.py; restore"
-    with pytest.raises(UsageError, match=line):
-        ibdata.importance(ds, BLOCK, allow_code=True)
+    refused(line, ibdata.importance, ds, BLOCK, allow_code=True)
     Path("explorer.py").unlink()
     assert np.float32(ibdata.state_at(ds, (3, 2)).mu_v[0]) == ds.to_pandas()["latent_mu_v"][3 * 4 + 2]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from helpers.evaluating import NUDGE, returns
+from helpers.refusals import refused
 
 import ibdata
 from ibdata import evaluate
@@ -42,10 +45,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("arguments", "message"), REFUSED)
 def test_what_cannot_be_meant_is_one_line(arguments, message):
-    with pytest.raises(UsageError) as caught:
-        evaluate(**{"policy": "random", "episodes": 2, **arguments})
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
+    refused(re.escape(message), evaluate, **{"policy": "random", "episodes": 2, **arguments})
 
 
 def test_a_policy_may_stand_in_a_file(tmp_path):
@@ -53,8 +53,7 @@ def test_a_policy_may_stand_in_a_file(tmp_path):
     file.write_text("kind: constant\naction: [0.5, -1, 0.25]\n")
     np.testing.assert_array_equal(returns(file), returns(NUDGE))
     file.write_text("kind: constant\nactoin: 1\n")
-    with pytest.raises(ConfigError, match=r"policy.yaml: actoin: no such option; did you mean 'action'\?"):
-        returns(file)
+    refused(r"policy.yaml: actoin: no such option; did you mean 'action'\?", returns, file, error=ConfigError)
 
 
 def test_a_file_of_a_model_says_what_to_do(tmp_path, monkeypatch):
@@ -67,8 +66,7 @@ def test_a_file_of_a_model_says_what_to_do(tmp_path, monkeypatch):
         ("actor.safetensors", "policy actor.safetensors: file: actor.safetensors: found other contents"),
     ):
         (tmp_path / name).write_bytes(b"PK\3\4\0\0")
-        with pytest.raises(UsageError, match=f"^{message}"):
-            evaluate(name)
+        refused(f"^{message}", evaluate, name)
 
 
 class Seeing:

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from helpers.evaluating import POLICY
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.errors import PolicyError, UsageError
@@ -135,8 +136,7 @@ def test_memory_is_replayed_along_the_recorded_episode(dataset):
     assert (found.ratios > 0.0).tolist() == kept.tolist()
     same = ibdata.importance(dataset.select(policy="epsilon_greedy"), POLICY["ε-greedy of expert"])
     assert same.weights == pytest.approx(np.ones((40, 6)), rel=1e-5)
-    with pytest.raises(UsageError, match="by random, the policy of the data"):
-        ibdata.importance(dataset, "expert")
+    refused("by random, the policy of the data", ibdata.importance, dataset, "expert")
 
 
 class Anywhere(Distribution):
@@ -201,16 +201,14 @@ def test_bad_arguments_are_named(dataset):
         ({"target": "random", "policy": "safe"}, "policy: no such option"),
         ({"target": "random", "history": 2}, "history: found 2, but no object"),
     ):
-        with pytest.raises(UsageError, match=said):
-            ibdata.importance(dataset, **arguments)
+        refused(said, ibdata.importance, dataset, **arguments)
 
 
 def test_episodes_chosen_by_their_returns_are_refused(dataset):
     """The mean of the better half is not the policy's; further conditions do not change that."""
     best = dataset.select(returns=(float(np.median(dataset.episodes["return"])), None))
     for chosen in (best, best.select(policy="random"), best.select(returns=(None, 0.0))):
-        with pytest.raises(UsageError, match=r"^returns: found episodes that were chosen by"):
-            ibdata.importance(chosen, "random")
+        refused(r"^returns: found episodes that were chosen by", ibdata.importance, chosen, "random")
     ibdata.importance(dataset.select(episodes=range(40, 80)), "random")
     everything = dataset.select(returns=(None, 0.0))  # limits that exclude nothing choose nothing
     assert ibdata.importance(everything, "random").plain() == ibdata.importance(dataset, "random").plain()
@@ -220,8 +218,7 @@ def test_episodes_of_different_lengths_are_refused(dataset, tmp_path):
     plain = {**dataset.manifest["experiments"][0], "steps": 5, "policies": [{"kind": "random"}]}
     other = ibdata.generate(Experiment(**{**plain, "seed": 1}), tmp_path / "other", workers=1)
     both = ibdata.merge([dataset.path, other.path], tmp_path / "both")
-    with pytest.raises(UsageError, match="steps: found episodes of 5 and of 6, expected one length"):
-        ibdata.importance(both, "random")
+    refused("steps: found episodes of 5 and of 6, expected one length", ibdata.importance, both, "random")
     assert ibdata.importance(both, "random", steps=5).weights.shape == (120, 5)
 
 

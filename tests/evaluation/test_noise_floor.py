@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import FULL
+from helpers.refusals import refused
 from helpers.variants import VARIANTS_MOVED
 
 import ibdata
 from ibdata import noise_floor, state_at
 from ibdata.dynamics import PAPER, Noise, initial_state, step
-from ibdata.errors import UsageError
 from ibdata.evaluation.world_models import _law
 
 DRAWS = 40_000 if FULL else 10_000
@@ -99,7 +99,5 @@ def test_the_errors_are_means_over_the_rows_asked_for(dataset):
 def test_unknown_laws_and_empty_selections_are_refused(describe, tmp_path, dataset):
     custom = describe(dynamics={"base": "siemens", "eta_squash": [1.0, 0.5]}, steps=2, episodes=1)
     made = ibdata.generate(custom, tmp_path / "made", workers=1)
-    with pytest.raises(UsageError, match="found eta_squash"):
-        noise_floor(made)
-    with pytest.raises(UsageError, match="no episode that meets all"):
-        noise_floor(dataset.select("source", setpoint=70))
+    refused("found eta_squash", noise_floor, made)
+    refused("no episode that meets all", noise_floor, dataset.select("source", setpoint=70))

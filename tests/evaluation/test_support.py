@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers import ROOT
 from helpers.evaluating import BAD, NETWORK, POLICY, Data, few, policy_of, supported
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.errors import UsageError
@@ -43,8 +44,7 @@ def far_from_1(weights):
     ],
 )
 def test_densities_that_nobody_knows_are_refused(name, target, said):
-    with pytest.raises(UsageError, match=said):
-        few(name).importance(POLICY[target])
+    refused(said, few(name).importance, POLICY[target])
 
 
 def kinds(base):
@@ -144,5 +144,4 @@ def test_an_object_that_remembers_is_asked_step_by_step(tmp_path):
     np.testing.assert_array_equal(found.ratios, expected.ratios)
     assert 0.0 < (found.ratios > 0.0).mean() < 1.0
     drawing = type("Drawing", (Counting,), {"needs": Needs(draws=3)})()
-    with pytest.raises(UsageError, match="found live, which has a memory and random numbers"):
-        ibdata.importance(ds, drawing)
+    refused("found live, which has a memory and random numbers", ibdata.importance, ds, drawing)

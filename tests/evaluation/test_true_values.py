@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from typing import ClassVar, Literal
 
 import numpy as np
 import pytest
 from helpers import by_hand
+from helpers.refusals import refused
 
 from ibdata import state_at, true_values
 from ibdata._numerics.random import Purpose
-from ibdata.errors import ConfigError, UsageError
 from ibdata.policies import Decision, Needs, Policy
 
 NUDGE = {"kind": "constant", "action": [0.5, -1, 0.25]}
@@ -141,7 +142,4 @@ def test_values_are_means_with_their_errors(dataset):
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else value,
 )
 def test_what_cannot_be_meant_is_one_line(dataset, arguments, message):
-    with pytest.raises((UsageError, ConfigError)) as caught:
-        true_values(dataset, **{"rows": range(2), "policy": "random", **arguments})
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
+    refused(re.escape(message), true_values, dataset, **{"rows": range(2), "policy": "random", **arguments})

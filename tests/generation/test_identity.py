@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 from helpers import networks
 from helpers.datasets import FOUR_SHARDS as TINY
+from helpers.objects import Mine
+from helpers.refusals import refused
 from pydantic.fields import FieldInfo
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import UsageError
 from ibdata.experiment import Experiment
 from ibdata.plan.dataset_spec import DatasetSpec
 from ibdata.policies import base
@@ -145,37 +146,25 @@ def test_a_new_option_with_a_default_changes_nothing_that_is_there(four_places, 
     assert {path: path.stat().st_mtime_ns for run in runs for path in run.glob("dataset/data/*")} == made
     for call in four_places.values():
         assert call().content_root == root
-        with pytest.raises(UsageError, match=r"of another experiment .purpose: found .*, expected 'fun'"):
-            call(purpose="fun")
+        refused(r"of another experiment .purpose: found .*, expected 'fun'", call, purpose="fun")
 
 
 def test_another_default_makes_another_experiment(four_places, with_option):
     """What older data say is what their default was. None was not recorded: then the data version says it."""
     with_option("licence", str, "MIT")
     for name in ("finished", "begun"):
-        with pytest.raises(
-            UsageError, match=r"another experiment .licence: found 'CC-BY-4.0', expected 'MIT'"
-        ):
-            four_places[name]()
+        refused(r"another experiment .licence: found 'CC-BY-4.0', expected 'MIT'", four_places[name])
 
 
 def test_a_default_that_was_none_needs_a_data_version(four_places, with_option, monkeypatch):
     with_option("purpose", str, "research")  # instead of None, which an older ibdata did not record
     monkeypatch.setattr(manifest, "DATA_VERSION", 4)
-    with pytest.raises(UsageError, match=r"^finished: not a dataset .*found data version 3, expected 4"):
-        four_places["finished"]()
+    refused(r"^finished: not a dataset .*found data version 3, expected 4", four_places["finished"])
     for name in ("begun", "begun there"):
-        with pytest.raises(
-            UsageError, match=r"begun.*: .*another experiment .data version: found 3, expecte"
-        ):
-            four_places[name]()
+        refused(r"begun.*: .*another experiment .data version: found 3, expecte", four_places[name])
 
 
 def test_objects_are_compared_by_name():
-    class Mine:
-        def predict(self, observations):
-            return observations[:, 1:4] * 0.0
-
     made = ibdata.load({"name": "x", "setpoints": 70, "policies": [Mine()]})
     recorded = json.loads(json.dumps(made.plain()))
     assert made.difference(recorded) is None

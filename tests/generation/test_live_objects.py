@@ -2,21 +2,13 @@
 
 from unittest.mock import Mock
 
-import numpy as np
 import pytest
 from helpers.folders import part_of
+from helpers.objects import Drawing, Mine
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.errors import Interrupted, UsageError
-
-
-class Mine:
-    def __init__(self, size):
-        self.size, self.asked = size, 0
-
-    def predict(self, observations):
-        self.asked += 1
-        return np.full((len(observations), 3), self.size)
 
 
 @pytest.fixture
@@ -54,8 +46,7 @@ def test_what_would_ask_it_again_is_refused_in_one_line(plain):
         lambda: ibdata.generate("out/meta/experiment.yaml", "other"),
         without_a_shard,
     ):
-        with pytest.raises(UsageError, match=r"(out|x): found live:Mine, an object .* kind: custom$"):
-            call()
+        refused(r"(out|x): found live:Mine, an object .* kind: custom$", call)
 
 
 def test_a_dataset_of_an_object_is_never_already_there(plain):
@@ -83,13 +74,6 @@ def test_a_stopped_run_of_an_object_begins_again(plain, monkeypatch, capsys):
     assert capsys.readouterr().err == ""
 
 
-class Drawing:
-    """Takes random actions."""
-
-    def act(self, history, u):
-        return 2.0 * u - 1.0
-
-
 DRAWING = {"kind": "custom", "draws": 3}
 TWO = {"name": "x", "setpoints": 70, "steps": 4}
 
@@ -111,8 +95,7 @@ def test_objects_of_one_class_draw_apart_and_the_same_everywhere():
 def test_two_runs_of_one_class_and_seed_are_not_merged():
     ibdata.generate(two(), "one")
     ibdata.generate(two(), "two")
-    with pytest.raises(UsageError, match=r"policy drawing: the same .* in one; leave one out, or"):
-        ibdata.merge(["one", "two"], "both")
+    refused(r"policy drawing: the same .* in one; leave one out, or", ibdata.merge, ["one", "two"], "both")
     named = [{**DRAWING, "target": Drawing(), "name": "other"}]
     ibdata.generate(two(policies=named), "named")
     ibdata.generate(two(seed=1), "seeded")

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from helpers.folders import run_of
 from helpers.own_code import FILES, SEVERAL
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.dataset.models import Code
@@ -31,8 +32,7 @@ def test_a_run_goes_on_with_the_same_code_only(own, path, named):
     own.edit(edited)
     for options in ({"shards": "1/2"}, {}):
         line = f"^out: holds an unfinished run with other code, in {named}, 2 of 4 shards; remove "
-        with pytest.raises(UsageError, match=line):
-            own.run(**options)
+        refused(line, own.run, **options)
     assert sorted(Path(".out.part").rglob("*")) == before
     own.edit(FILES)
     shards = {path.name for path in kept.glob("dataset/data/*")}
@@ -40,8 +40,7 @@ def test_a_run_goes_on_with_the_same_code_only(own, path, named):
     # Those that have receipts are kept; the file of one that was being made when the run stopped is not.
     assert len(shards & {path.name for path in Path("out/data").iterdir()}) >= 2
     own.edit(edited)
-    with pytest.raises(UsageError, match=f"^out: holds .* other code, in {named}; overwrite=True"):
-        own.run()
+    refused(f"^out: holds .* other code, in {named}; overwrite=True", own.run)
     with pytest.raises(UsageError, match=f"^out: found other code than .*made with, in {named}; restore"):
         ibdata.importance("out", ibdata.load("own.yaml").policies[0], allow_code=True)
 
@@ -57,8 +56,7 @@ OTHERS = {
 def test_a_worker_with_other_code_or_bits_is_refused(own, monkeypatch, noted, line):
     write = Record.write
     monkeypatch.setattr(Record, "write", lambda record, run: write(record.model_copy(update=noted), run))
-    with pytest.raises(UsageError, match=line):
-        own.run(workers=2)
+    refused(line, own.run, workers=2)
     assert not Path("out").exists()
 
 

@@ -10,6 +10,8 @@ from unittest.mock import Mock
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import is_right
+from helpers.objects import Mine
+from helpers.refusals import refused
 
 import ibdata
 from ibdata._system import part
@@ -154,8 +156,7 @@ def test_a_preview_sees_the_dataset_that_is_to_be_restored(killed):
     shutil.rmtree("out")
     shutil.copytree(killed, ".", dirs_exist_ok=True)
     assert ibdata.estimate(OTHER, "out")["action"] == "open the finished dataset"
-    with pytest.raises(UsageError, match=r"^out: holds the dataset of another experiment .seed: found 1, e"):
-        ibdata.estimate(TINY, "out")
+    refused(r"^out: holds the dataset of another experiment .seed: found 1, e", ibdata.estimate, TINY, "out")
     assert not Path("out").exists()
 
 
@@ -199,11 +200,6 @@ def test_what_was_published_leaves_nothing(monkeypatch, after, capsys):
 
 def test_a_run_of_a_session_s_object_is_no_unfinished_run(monkeypatch, capsys):
     """Nobody can go on with it, so nothing says so, also where it was killed."""
-
-    class Mine:
-        def predict(self, observations):
-            return observations[:, :3] * 0
-
     with monkeypatch.context() as stopping:
         stopping.setattr("ibdata.generation.build.finish", Mock(side_effect=Interrupted(2)))
         stopping.setattr("ibdata.generation.folder.Folder.clear", Mock())
@@ -226,8 +222,7 @@ def test_a_run_of_another_version_is_refused(tiny, files, capsys):
     with pytest.raises(SystemExit, match=r"^0$"):
         main(["ls", "."])
     assert "unfinished, unreadable" in capsys.readouterr().out
-    with pytest.raises(DatasetError, match=r"^out: found an unfinished run of another ibdata"):
-        ibdata.finalize("out")
+    refused(r"^out: found an unfinished run of another ibdata", ibdata.finalize, "out", error=DatasetError)
     with pytest.raises(UsageError, match=r"^out: holds an unfinished run of another .*\(policies.*2 of 4"):
         ibdata.generate(TINY, "out", workers=1)
     replace()

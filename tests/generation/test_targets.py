@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents
+from helpers.refusals import refused
 
 import ibdata
-from ibdata.errors import UsageError
 from ibdata.tools.split_schemes import leave_one_out
 
 WRITERS = {
@@ -52,9 +52,7 @@ def test_a_place_that_cannot_be_a_dataset_is_refused(here, out, line):
     Path("STEP=1").symlink_to("scratch")
     before = contents(here)
     for write in WRITERS.values():
-        with pytest.raises(UsageError, match=line) as error:
-            write(out)
-        assert "\n" not in str(error.value)
+        refused(line, write, out)
     assert contents(here) == before
 
 
@@ -85,10 +83,7 @@ def test_overwriting_names_what_is_not_the_dataset_s():
         path = Path("../a", name)
         path.mkdir() if name.endswith("/") else path.write_text("mine")
         before = contents("../a")
-        with pytest.raises(
-            UsageError, match=r"found a (file|folder) that is not the dataset's; move it away"
-        ):
-            WRITERS["overwrite"]("../a")
+        refused("found a (file|folder) that is not the dataset's; move it away", WRITERS["overwrite"], "../a")
         assert contents("../a") == before
         path.rmdir() if name.endswith("/") else path.unlink()
 
@@ -99,6 +94,5 @@ def test_what_ibdata_did_not_make_is_no_part_of_a_run(name):
     Path(name).write_text("mine")
     before = contents()
     for write in WRITERS.values():
-        with pytest.raises(UsageError, match=r"\.new\.part: found what ibdata did not make, .*; move it"):
-            write("new")
+        refused(r"\.new\.part: found what ibdata did not make, .*; move it", write, "new")
     assert contents() == before

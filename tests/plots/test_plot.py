@@ -11,10 +11,11 @@ import matplotlib
 import numpy as np
 import pytest
 from helpers import ROOT
+from helpers.refusals import refused
 from PIL import Image
 
 import measuring.documents
-from ibdata.errors import DatasetError, IbdataError, UsageError
+from ibdata.errors import DatasetError, IbdataError
 from ibdata.plots import PICTURES, plot
 
 pytestmark = pytest.mark.slow
@@ -65,18 +66,14 @@ def test_svg_has_names_and_units_on_its_axes(ibdata, many, tmp_path):
 
 def test_links_and_folders_in_the_way_are_not_replaced(merged, tmp_path):
     (tmp_path / "actions.png").symlink_to("nowhere")
-    with pytest.raises(UsageError, match="exists already"):
-        plot(merged, tmp_path)
+    refused("exists already", plot, merged, tmp_path)
     (tmp_path / "splits.png").mkdir()
-    with pytest.raises(UsageError, match=r"splits\.png: exists already; choose another out$"):
-        plot(merged, tmp_path, overwrite=True)
+    refused(r"splits\.png: exists already; choose another out$", plot, merged, tmp_path, overwrite=True)
 
 
 def test_what_cannot_be_meant_is_refused_first(merged, tmp_path):
-    with pytest.raises(UsageError, match="form: found 'pdf', expected one of png, svg"):
-        plot(merged, tmp_path / "a", form="pdf")
-    with pytest.raises(DatasetError, match="no finished dataset here"):
-        plot(tmp_path / "none", tmp_path / "a")
+    refused("form: found 'pdf', expected one of png, svg", plot, merged, tmp_path / "a", form="pdf")
+    refused("no finished dataset here", plot, tmp_path / "none", tmp_path / "a", error=DatasetError)
     (tmp_path / "file").write_text("")
     with pytest.raises(IbdataError, match=r"file/actions\.png: cannot be written: ") as caught:
         plot(merged, tmp_path / "file")

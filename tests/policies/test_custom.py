@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from pathlib import Path
 
 import numba
@@ -11,9 +12,10 @@ import pytest
 from helpers import remembering
 from helpers.own_code import FORMS
 from helpers.policies import proposed, ready
+from helpers.refusals import refused
 
 import ibdata
-from ibdata.errors import PolicyError, UsageError
+from ibdata.errors import PolicyError
 from ibdata.policies.user_object import Custom
 from ibdata.testing import check_policy
 
@@ -58,9 +60,8 @@ def test_act_and_predict_are_asked_for_actions(mine, options, actions):
 )
 def test_what_cannot_be_used_is_one_line(mine, target, line):
     mine(target=target)
-    with pytest.raises(PolicyError) as error:
-        ibdata.evaluate({"kind": "custom", "target": target}, steps=3, episodes=2)
-    assert str(error.value).startswith(line)
+    block = {"kind": "custom", "target": target}
+    refused(f"^{re.escape(line)}", ibdata.evaluate, block, steps=3, episodes=2, error=PolicyError)
 
 
 @pytest.mark.slow
@@ -68,8 +69,7 @@ def test_what_cannot_be_used_is_one_line(mine, target, line):
 def test_code_runs_only_where_it_is_allowed(mine, wrap, capsys):
     block = {"kind": "custom", "target": "mine:actor", "draws": 3}
     own = mine(**({"kind": "epsilon_greedy", "base": block, "epsilon": 0.5} if wrap else block))
-    with pytest.raises(UsageError, match="found a custom policy, mine:actor, which is code"):
-        own.run(workers=2, allow_code=False)
+    refused("found a custom policy, mine:actor, which is code", own.run, workers=2, allow_code=False)
     assert not Path("imported").exists()
     made = own.run(workers=2)
     assert "ibdata: running the code of mine:actor" in capsys.readouterr().err
@@ -95,8 +95,7 @@ def test_only_repair_and_reproduce_run_code_and_ask_before(mine, shard_file):
     shard = shard_file("out", 1)
     Path("out", shard).unlink()
     for call in (ibdata.repair, ibdata.reproduce):
-        with pytest.raises(UsageError, match="which is code that would run; allow_code=True if you trust it"):
-            call("out")
+        refused("which is code that would run; allow_code=True if you trust it", call, "out")
     assert not Path("imported").exists()
     assert ibdata.repair("out", workers=1, allow_code=True) == [shard]
     assert ibdata.reproduce("out", allow_code=True) == (4, [])
@@ -130,10 +129,7 @@ def test_evaluating_a_file_that_names_code_needs_leave(mine):
     [of_experiment] = ibdata.load("e.yaml").policies
     for run in (ibdata.evaluate, check_policy):
         for policy in ("p.yaml", of_experiment):
-            with pytest.raises(
-                UsageError, match="the custom policy mine:actor of a file, which is code that"
-            ):
-                run(policy)
+            refused("the custom policy mine:actor of a file, which is code that", run, policy)
     assert not Path("imported").exists()
     check_policy(of_experiment, allow_code=True)
     from_file = ibdata.evaluate("p.yaml", steps=3, episodes=2, allow_code=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
 from ibdata import evaluate
 from ibdata.errors import PolicyError
@@ -57,8 +58,7 @@ def test_whole_numbers_are_the_discrete_actions(policy):
     ids=["above", "below", "floats", "masked", "others"],
 )
 def test_other_numbers_are_no_discrete_actions(answer, message):
-    with pytest.raises(PolicyError, match=message):
-        evaluate(answer, **FEW)
+    refused(message, evaluate, answer, **FEW, error=PolicyError)
 
 
 def targets(observations):
@@ -106,5 +106,4 @@ class Drawing:
 
 def test_a_failure_says_what_to_do():
     message = "no random numbers; if it draws 3 per step, write draws: 3 beside its target in a block"
-    with pytest.raises(PolicyError, match=message):
-        evaluate(Drawing(), **FEW)
+    refused(message, evaluate, Drawing(), **FEW, error=PolicyError)

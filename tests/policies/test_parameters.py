@@ -6,8 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
-from ibdata.errors import ConfigError, UsageError
+from ibdata.errors import ConfigError
 from ibdata.evaluation.policies import as_policy
 from ibdata.experiment import Experiment, as_yaml
 from ibdata.experiment.yaml import Document
@@ -34,16 +35,14 @@ def plain(params):
 )
 def test_what_would_not_come_back_as_it_was_is_refused(params, problem):
     line = rf"^policy: params: found what JSON cannot hold \({problem}.*\), expected finite numbers"
-    with pytest.raises(ConfigError, match=line):
-        as_policy({"kind": "custom", "target": "a:b", "params": params})
+    refused(line, as_policy, {"kind": "custom", "target": "a:b", "params": params}, error=ConfigError)
 
 
 @pytest.mark.parametrize(
     ("value", "error"), [(endless, "list .*: RecursionError"), ({1, "a"}, "set .*: TypeError")]
 )
 def test_what_cannot_be_a_list_is_refused(value, error):
-    with pytest.raises(UsageError, match=f"^found a {error}"):
-        as_policy({"kind": "custom", "target": "a:b", "params": {"x": value}})
+    refused(f"^found a {error}", as_policy, {"kind": "custom", "target": "a:b", "params": {"x": value}})
 
 
 def test_arrays_tuples_and_sets_are_lists():

@@ -6,13 +6,15 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
+from helpers.objects import Mine, Still, Sure, still
 from helpers.policies import proposed, ready
+from helpers.refusals import refused
 from pydantic import Field
 
 import ibdata
-from ibdata.errors import ConfigError, PolicyError, UsageError
+from ibdata.errors import ConfigError, PolicyError
 from ibdata.evaluation.policies import as_policy
-from ibdata.policies import AnyPolicy, ClippedNormal, Decision, Deterministic, Needs, Policy
+from ibdata.policies import AnyPolicy, ClippedNormal, Decision, Needs, Policy
 from ibdata.policies.checked import AnswerError
 
 HISTORY = np.arange(60, dtype=np.float32).reshape(5, 2, 6)
@@ -86,26 +88,16 @@ def test_a_density_of_another_form_is_refused_with_a_hint():
             {"kind": "custom", "target": other},
             {"kind": "schedule", "stages": [{"base": other}]},
         ):
-            with pytest.raises(UsageError, match=line):
-                as_policy(given)
-
-
-class Named(Policy):
-    """A policy of a user, with a name or without."""
-
-    kind: Literal["own"] = "own"
-
-    def decide(self, observed):
-        return Decision(np.zeros((len(observed.step), 3)), observed.memory)
+            refused(line, as_policy, given)
 
 
 def test_a_policy_of_a_user_keeps_its_name_in_an_experiment():
     """As it does where it is evaluated; a name beside it comes first, and a base has none."""
-    blocks = [Named(name="one"), {"kind": "custom", "target": Named(name="one"), "name": "two"}, Named()]
+    blocks = [Still(name="one"), {"kind": "custom", "target": Still(name="one"), "name": "two"}, Still()]
     made = ibdata.Experiment(name="x", setpoints=70, policies=blocks)
     for each in (made, ibdata.Experiment(**made.model_dump())):
-        assert list(each.labels) == ["one", "two", "named"]
-    within = {"kind": "epsilon_greedy", "base": Named(name="one"), "epsilon": 0.1}
+        assert list(each.labels) == ["one", "two", "still"]
+    within = {"kind": "epsilon_greedy", "base": Still(name="one"), "epsilon": 0.1}
     with pytest.raises(ibdata.IbdataError, match="name: found 'one' in a base, expected the name beside"):
         ibdata.Experiment(name="x", setpoints=70, policies=[within])
 
@@ -147,30 +139,20 @@ def test_a_block_around_a_policy_must_give_what_it_needs():
     """Else it would read beyond what it is given."""
     block = {"kind": "custom", "target": Around(base=Counting()), "history": 1}
     line = "^live:Around: found history: 1, expected at least the needs of Around; write history: 2$"
-    with pytest.raises(PolicyError, match=line):
-        ibdata.evaluate(block, steps=3, episodes=2)
+    refused(line, ibdata.evaluate, block, steps=3, episodes=2, error=PolicyError)
     evaluated = ibdata.evaluate([{**block, "history": 3}, Counting()], steps=3, episodes=2)
     assert (evaluated.returns[0] == evaluated.returns[1]).all()
-
-
-class Certain(Deterministic):
-    """A policy of a user that draws nothing."""
-
-    kind: Literal["certain"] = "certain"
-
-    def decide(self, observed):
-        return Decision(np.zeros((len(observed.step), 3)), observed.memory)
 
 
 def test_a_deterministic_policy_of_a_user_may_be_the_base_of_noise():
     """Its class is the promise that it draws nothing."""
 
-    class Drawing(Certain):
+    class Drawing(Sure):
         needs = Needs(draws=3)
 
-    noisy = {"kind": "gaussian", "base": Certain(), "scale": 0.1}
+    noisy = {"kind": "gaussian", "base": Sure(), "scale": 0.1}
     assert ibdata.evaluate(noisy, steps=3, episodes=2).returns.size == 2
-    for base in (Named(), Drawing()):
+    for base in (Still(), Drawing()):
         with pytest.raises(ibdata.IbdataError, match="without deterministic: true"):
             as_policy({**noisy, "base": base})
 
@@ -195,28 +177,21 @@ def test_a_policy_of_a_user_is_the_same_however_it_is_given(tmp_path):
     assert found[0].notes == []
 
 
-class Still:
-    """Does nothing."""
-
-    def predict(self, observations):
-        return 0.0 * observations[:, :3]
-
-
-class Converted(Still):
+class Converted(Mine):
     def tolist(self):
         return [1, 2]
 
 
 class Pair(NamedTuple):
     gain: float = 1.0
-    predict = Still.predict
+    predict = staticmethod(still)
 
 
 AGENTS = {
     "tolist": Converted(),
     "named tuple": Pair(),
-    "dict": type("OfDict", (dict, Still), {})(),
-    "list": type("OfList", (list, Still), {})(),
+    "dict": type("OfDict", (Mine, dict), {})(),
+    "list": type("OfList", (Mine, list), {})(),
 }
 
 

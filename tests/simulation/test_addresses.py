@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.objects import still
 
 import ibdata
 from ibdata._numerics import random
@@ -15,10 +16,6 @@ pytestmark = pytest.mark.portable
 
 ZERO = np.zeros((1, 2, 3))
 NOISY = {"imperfections": {"noise": {"obs_gain": 1.0, "latent_mu_v": 0.1}}, "observe": "markov"}
-
-
-def still(observations):
-    return np.zeros((len(observations), 3))
 
 
 @pytest.fixture

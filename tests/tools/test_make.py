@@ -11,10 +11,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
 import ibdata
 from ibdata._system.lock import locked
-from ibdata.errors import BusyError, DatasetError, UsageError
+from ibdata.errors import BusyError, DatasetError
 from ibdata.tools import make as room
 
 
@@ -51,12 +52,10 @@ def test_a_set_is_made_once_and_then_opened(cache, capsys):
 
 def test_a_content_root_may_be_asked_for(cache, monkeypatch):
     root = room.canonical_root("random", ibdata.load("random"))
-    with pytest.raises(UsageError, match=f"but the content root is {root}: leave @"):
-        ibdata.make("random@000000")
+    refused(f"but the content root is {root}: leave @", ibdata.make, "random@000000")
     assert not cache.exists()  # nothing was made
     ibdata.make(f"random@{root[:6]}")
-    with pytest.raises(UsageError, match="take the seed"):
-        ibdata.make(f"random@{root[:6]}", seed=1)
+    refused("take the seed", ibdata.make, f"random@{root[:6]}", seed=1)
     monkeypatch.setattr(room, "canonical_root", lambda name, experiment: "0" * 64)
     with pytest.raises(DatasetError, match=f"random: found the content root {root}, expected 0000"):
         ibdata.make("random")
@@ -65,8 +64,7 @@ def test_a_content_root_may_be_asked_for(cache, monkeypatch):
 def test_the_canonical_roots_are_those_of_the_list():
     assert room.canonical_root("random", ibdata.load("random")).startswith("566ea3f2")
     assert room.canonical_root("random", ibdata.load("random", seed=1)) is None
-    with pytest.raises(UsageError, match=r"found 'randm'; did you mean 'random'"):
-        ibdata.make("randm")
+    refused(r"found 'randm'; did you mean 'random'", ibdata.make, "randm")
 
 
 def test_a_process_waits_for_another_that_makes_the_set(cache, monkeypatch):

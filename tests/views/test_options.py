@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.errors import UsageError
@@ -52,8 +53,7 @@ def test_bounds_are_those_of_exact_columns():
     ],
 )
 def test_what_is_no_view_is_refused(given, message):
-    with pytest.raises(UsageError, match=message):
-        view_options(**given)
+    refused(message, view_options, **given)
 
 
 BEFORE = np.array([100.1, 3.0], np.float32), np.array([10.7, 0.5], np.float32)  # consumption, fatigue
@@ -101,5 +101,4 @@ def test_an_evaluation_counts_steps_that_cost_and_episodes_over_the_budget():
     ],
 )
 def test_a_wrong_cost_is_one_line(cost, message):
-    with pytest.raises(UsageError, match=message):
-        cost_of(cost)
+    refused(message, cost_of, cost)
