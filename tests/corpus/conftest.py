@@ -32,7 +32,7 @@ PLAIN = {
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a dataset d of four shards, which a case has also as `whole`, and one of another seed."""
+    """A folder with a dataset d of four shards, and one of another seed, other."""
     folder = tmp_path_factory.mktemp("made")
     for name, seed in (("d", 0), ("other", 1)):
         ibdata.generate(Experiment.model_validate({**PLAIN, "seed": seed}), folder / name, workers=1)
@@ -57,13 +57,14 @@ def prepared(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cal
     def prepare(config: bytes | None, damage: list[str]) -> None:
         monkeypatch.chdir(tmp_path)
         monkeypatch.setenv("COLUMNS", "80")
+        monkeypatch.setenv("MADE", str(made))
         if config is not None:
             Path("x.yaml").write_bytes(config)
         for line in damage:
             name, _, rest = line.partition(" ")
             if name == "dataset":
-                for each, of in (("d", "d"), ("whole", "d"), ("other", "other")):
-                    shutil.copytree(made / of, each)
+                for each in ("d", "other"):
+                    shutil.copytree(made / each, each)
             else:
                 WORDS[name](rest)
 

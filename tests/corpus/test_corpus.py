@@ -7,7 +7,7 @@ A case begins with `== title`. The lines after it begin with a mark:
     ! …       makes a file, or damages the dataset d (see conftest.py)
     ? … → …   one of several such lines (of x.yaml after a bar), each a case of its own with its text for ⟨⟩
     $ 2: …    runs ibdata in this process and expects exit code 2; {a,b} runs it with a, then with b
-    % 2: …    the same in a shell, in which $IBDATA is the command
+    % 2: …    the same in a shell, in which $IBDATA is the command and $MADE/d the dataset d as it was made
     > …       an expected line on stderr; these are all lines, but a bare mark allows any more
     >> …      an expected line on stdout, likewise
     & NAME: … stands for the lines below `== & NAME`, with what follows in the place of ⟨⟩
