@@ -43,8 +43,9 @@ class TestRay(ExportTests):
     format = "rllib"
 
     def read(self, made):
-        rows = ray.data.read_parquet(made.path).sort(["episode", "step"]).to_pandas()
-        vectors = {name: np.stack(rows[name]) for name in rows if name in RLLIB and name != "reward"}
+        rows = ray.data.read_parquet(made.path).to_pandas().sort_values(["episode", "step"])
+        lists = [name for name in rows if name in RLLIB and name != "reward"]  # of Python's floats
+        vectors = {name: np.stack(rows[name]).astype(np.float32) for name in lists}
         columns = {name: rows[name].to_numpy() for name in rows} | vectors
         return {RLLIB.get(name, name): array for name, array in columns.items()}
 
