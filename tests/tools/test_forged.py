@@ -48,6 +48,13 @@ def moved(stats, share):
     reward["quantiles"]["0.5"] += share * (reward["max"] - reward["min"])
 
 
+def test_metadata_of_another_form_are_named(copied):
+    (copied / manifest.CROISSANT).write_text("[1]")
+    seal(copied)
+    (problem,) = validate(copied)
+    assert (problem.path, problem.rule) == (manifest.CROISSANT, "metadata")
+
+
 # --- rows
 
 
