@@ -46,4 +46,4 @@ def test_the_text_agrees_with_the_table():
     assert said.format(*numbers) in " ".join(PAGE.split())
 
     chance = 1 - 0.05 ** (1 / COSTS.SETTINGS["episodes"])
-    assert f"are known to {100 * chance:.1f}, at 95 %" in " ".join(PAGE.split())
+    assert f"is within {100 * chance:.1f} of it, at 95 % confidence" in " ".join(PAGE.split())
