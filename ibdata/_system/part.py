@@ -23,6 +23,7 @@ from ibdata._system.signals import ignore, stoppable
 from ibdata.errors import OUT, WORKERS, IbdataError, UsageError, is_thread_limit, notice, reason
 
 LOCK, RUN, OLD = "ibdata.lock", "run", "old"  # in a part
+FOLDERS = re.compile(f"{RUN}|{OLD}|export|repair|windows|tmp-.*")
 NOTE, RECEIPTS, DATASET = "run.json", "receipts", "dataset"  # in the folder of its run
 # Seconds; hundreds of hosts may begin at once, and each holds the lock alone for milliseconds.
 PATIENCE = 10.0
@@ -90,9 +91,12 @@ class Part:
         """
         if os.path.islink(self.folder) or self.folder.is_file():
             return self.folder
-        names = [path.name for path in existing_paths(self.folder)]
-        if names and LOCK not in names:  # which is removed after all else
+        paths = existing_paths(self.folder)
+        if paths and LOCK not in [path.name for path in paths]:  # which is removed after all else
             return self.folder
+        for path in paths:
+            if path.is_dir() and not FOLDERS.fullmatch(path.name):
+                return path
         links = [path for path in (self.folder / OLD, self.run) if os.path.islink(path)]
         return links[0] if links else _irregular(self.run)
 

@@ -209,6 +209,17 @@ def begun(tmp_path_factory):
     return folder
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_folder_in_a_part_that_ibdata_does_not_know_stays(begun, overwrite):
+    """An older ibdata had its run in a folder with another name."""
+    shutil.copytree(begun, ".", dirs_exist_ok=True)
+    other = part_of("out") / "0123456789abcdef"
+    other.mkdir()
+    with pytest.raises(UsageError, match=r"0123456789abcdef: found what ibdata did not make"):
+        ibdata.generate(TINY, "out", workers=1, overwrite=overwrite)
+    assert other.is_dir()
+
+
 @pytest.mark.parametrize("name", ["old", "run", *(f"run/{path}" for path in ENTERED)])
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_no_link_in_a_part_is_followed(begun, name, overwrite):
