@@ -201,17 +201,19 @@ def block(lines: Sequence[Baseline], plan: Sequence[Any]) -> str:
         f"{len(done)} of {len(runs)} runs are done; – stands for what was not run. Standard errors over "
         f"the 200 episodes are at most {errors[0]} for what was trained, {errors[1]} for behaviours. "
         f"Reference returns are means of 10,000 episodes: {known}. "
-        "In bold is the best of a row, if it is better than each other by the 95 % interval of the "
-        "difference, for new trainings and new episodes; what has one seed has no interval, and is left out.",
+        "The best of a row is in bold if the 95 % intervals of its differences, for new trainings and new "
+        "episodes, show that it is better than every other algorithm of the row and than the behaviour. "
+        "Algorithms with one seed have no interval and are left out.",
         results(lines, [name for sets in by_suite.values() for name in sets], [BEHAVIOUR, *FOUR, MODEL]),
         results(lines, others, [BEHAVIOUR, *TWO]),
         "### Compared with the behaviour",
-        "The last columns count the runs that are higher / not seen to differ / lower than the behaviour of "
-        "the set, with its random actions, and than its formula alone: by the 95 % interval of the paired "
-        "differences. CPU seconds are the median of a training.",
+        "The last four columns count runs: those that are higher / not seen to differ / lower, by the 95 % "
+        "interval of the paired differences. The column *behaviour* compares with the policy that made the "
+        "data, the others with its formula without random actions. CPU seconds are the median of a training.",
         algorithms(lines),
         "### Compared with the literature",
-        "10th percentiles: differences are ours − published, and ranks those of the sets.",
+        "The table compares 10th percentiles. Distances are ours minus the published ones. The rank "
+        "correlation is that of the sets, ranked by our percentiles and by theirs.",
         comparison(),
     ]
     return "\n\n".join(parts)
