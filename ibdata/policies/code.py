@@ -101,10 +101,13 @@ def _modules_of_users() -> dict[str, ModuleType]:
 
 def is_of_user(name: str, module: object) -> bool:
     """Whether a module, or a package without a file, is neither of Python, nor installed, nor of ibdata."""
-    file = file_of(module)
-    places = [file] if file else list(map(Path, getattr(module, "__path__", ())))
-    is_other = name.partition(".")[0] in OTHERS or any(map(is_installed, places))
-    return name.startswith(PRIVATE) or (bool(places) and not is_other)
+    if name.startswith(PRIVATE):
+        return True
+    origin = _origin(module)
+    if name.partition(".")[0] in OTHERS or (origin and is_installed(origin)):
+        return False
+    places = [origin] if file_of(module) else list(getattr(module, "__path__", ()))
+    return bool(places) and not any(map(is_installed, places))
 
 
 def two_places(current: Path, folder: Path | None) -> Places:
@@ -190,15 +193,19 @@ def apart_from_results() -> AbstractContextManager[object]:
 
 def file_of(module: object) -> Path | None:
     """The file of a module, if it has one."""
+    origin = _origin(module)
+    return Path(origin) if origin and os.path.isfile(origin) else None
+
+
+def _origin(module: object) -> str | None:
     spec = getattr(module, "__spec__", None)
-    path = Path(spec.origin) if spec is not None and spec.has_location and spec.origin else None
-    return path if path is not None and path.is_file() else None
+    return spec.origin if spec is not None and spec.has_location else None
 
 
 @cache
-def is_installed(path: Path) -> bool:
+def is_installed(path: str | Path) -> bool:
     """Whether a file is part of Python or of an installed package."""
-    return _is_in_package(path) or path.is_relative_to(STANDARD_LIBRARY)
+    return _is_in_package(Path(path)) or Path(path).is_relative_to(STANDARD_LIBRARY)
 
 
 def _is_in_package(path: Path) -> bool:
