@@ -141,7 +141,7 @@ def _message(error: Mapping[str, Any], options: list[str]) -> str:
         networks = shipped_names() if "network" in words and str(word) not in POLICIES else []
         if word in networks:
             return f"found kind {word}, which is a network; write {{kind: network, file: {word}}}"
-        if word in POLICIES and len(words) > 1:
+        if str(word) in POLICIES and len(words) > 1:
             return f"found {shown(word)}, expected a policy that draws nothing: one of {', '.join(words)}"
         return f"found {shown(word)}{suggestion(str(word), [*words, *networks]) or meant(str(word), words)}"
     if kind == "union_tag_not_found":
