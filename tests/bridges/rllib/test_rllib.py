@@ -50,6 +50,7 @@ class TestRay(ExportTests):
         return {RLLIB.get(name, name): array for name, array in columns.items()}
 
 
+ID = "ibdata.environment:ibdata/IndustrialBenchmark-v0"
 RATES = {"lr": None, "actor_lr": 1e-3, "critic_lr": 1e-3, "alpha_lr": 1e-3}  # of CQL, as the page says
 
 
@@ -60,7 +61,9 @@ def test_algorithms_run_on_the_printed_configuration(shown, tmp_path, kind, iter
     config = kind().environment(
         observation_space=box(-np.inf, np.inf, (6,), np.float32), action_space=box(-1, 1, (3,), np.float32)
     )
-    rates = RATES if kind is CQLConfig else {"lr": 1e-3}
+    rates = {"lr": 1e-3}
+    if kind is CQLConfig:
+        config, rates = kind().environment(ID, env_config={"setpoint": 70}), RATES
     names = {"config": config.training(train_batch_size_per_learner=128, **rates).debugging(seed=0)}
     exec(made.snippet, names)
     found = losses(names["config"], iterations)
