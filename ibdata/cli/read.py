@@ -90,8 +90,8 @@ def _scored(returns: Returns, measures: Mapping[str, float | None]) -> list[str]
         lines.append(f"and {len(rows) - MAX_LINES:,} more; --json has all")
     none = (
         "no score: reference returns are stored for siemens and paper, three starts and mostly 1000 steps; "
+        "ibdata evaluate has scores for all"
     )
-    none += "ibdata evaluate has scores for all"
     lines.append(f"score: {returns['scale']}; one episode has none" if returns["scale"] else none)
     for name, value in measures.items():
         if value is not None:

@@ -70,7 +70,8 @@ def policies_of(policies: Any, history: int | Mapping[str, int] = 1, allow_code:
         ]
         _refuse_mixed(label, trainings)
         names = [f"{label} ({_training(policy, i)})" for i, policy in enumerate(trainings, 1)]
-        groups[label] = unequal(names) if len(names) > 1 else [label]
+        names = names if len(names) > 1 else [label]
+        groups[label] = unequal([*named, *names])[len(named) :]
         named |= {name: policy.labelled(name) for name, policy in zip(groups[label], trainings, strict=True)}
     return Given(named, groups)
 

@@ -52,8 +52,8 @@ def _latex(found: Evaluation) -> str:
     lines += [
         r"\begingroup \setlength{\tabcolsep}{4pt}",
         rf"\begin{{tabular}}{{@{{}}l{'r' * (count - 1)}@{{}}}}",
+        r"\toprule",
     ]
-    lines.append(r"\toprule")
     for row in [list(table.names), *cells_of(table)]:
         if isinstance(row, str):
             lines.append(rf"\midrule \multicolumn{{{count}}}{{@{{}}l}}{{\emph{{{row.translate(text)}}}}} \\")

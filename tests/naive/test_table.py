@@ -460,6 +460,9 @@ def test_the_seeds_of_a_label_by_their_files(runs, run):
     found = evaluate({"iql": files("iql")[1:], "its": [Turning(0.1), Turning(0.2)]}, **SHORT)
     names = dict.fromkeys(result.policy for result in found.results)
     assert list(names) == ["iql (iql-1)", "iql (iql-2)", "its (1)", "its (2)"]
+    alike = evaluate({"its": [Turning(0.1), Turning(0.2)], "its (1)": Turning(0.3)}, **SHORT)
+    assert list(dict.fromkeys(x.policy for x in alike.results)) == ["its (1)", "its (2)", "its (1)-2"]
+    assert len({x.mean_return for x in alike.results if x.setpoint is None}) == 3
     alone = evaluate("runs/iql-2.safetensors", **SHORT).results[-1]
     assert [x.mean_return for x in found.results if x.policy == "iql (iql-2)"][-1] == alone.mean_return
     printed = command(run, "iql=runs/iql-*.safetensors", "its=runs/bc-0.safetensors", "--wide")[1]
