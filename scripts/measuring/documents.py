@@ -3,7 +3,7 @@
 import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -25,6 +25,26 @@ def measured(document: str, kind: str = "measured") -> str:
     match = re.search(rf"<!-- {kind} -->\n(.*)\n<!-- /{kind} -->", document, re.DOTALL)
     assert match is not None
     return match[1]
+
+
+def filled(document: str, numbers: Mapping[str, float]) -> str:
+    """The document with the values of its numbers that have names, such as `−56.0<!--best-->`.
+
+    A number keeps its digits, its plus sign and its commas.
+    """
+    names = set()
+
+    def value(match: re.Match[str]) -> str:
+        sign, old, name = match.groups()
+        names.add(name)
+        digits = len(old.partition(".")[2])
+        number = f"{numbers[name]:{'+' * (sign == '+')}{',' * (',' in old)}.{digits}f}"
+        return f"{number.replace('-', '−')}<!--{name}-->"
+
+    text = re.sub(r"([+−]?)([\d,]+(?:\.\d+)?)<!--([\w.+-]+)-->", value, document)
+    if unused := numbers.keys() - names:
+        raise ValueError(f"found no place for the numbers {', '.join(sorted(unused))}")
+    return text
 
 
 def write_measured(path: Path, block: str, kind: str = "measured") -> None:

@@ -10,6 +10,7 @@ import pytest
 from helpers import ROOT, script
 
 from ibdata.evaluation.algorithms import Algorithm, Difference, differences_printed, printed
+from measuring.documents import filled
 
 reference = script("reference")
 SHOWN = re.findall(
@@ -68,6 +69,17 @@ def test_every_printed_column_is_a_field_or_named_beside_one():
     ):
         for name in table.names:
             assert name in cls._fields or f'"{name}"' in cls.__doc__, name
+
+
+def test_a_number_in_a_sentence_has_the_value_of_its_name():
+    page = "from −1.0<!--low--> to 2<!--high--> steps, +0.50<!--gain--> in 1,234<!--rows--> rows of 70"
+    numbers = {"low": -56.04, "high": 7.6, "gain": 1.0, "rows": 12345}
+    expected = "from −56.0<!--low--> to 8<!--high--> steps, +1.00<!--gain--> in 12,345<!--rows--> rows of 70"
+    assert filled(page, numbers) == expected
+    with pytest.raises(ValueError, match="no place for the numbers other"):
+        filled(page, {**numbers, "other": 1.0})
+    with pytest.raises(KeyError, match="rows"):
+        filled(page, {"low": 0.0, "high": 0.0, "gain": 0.0})
 
 
 def test_the_environments_on_the_page_exist():

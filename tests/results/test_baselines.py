@@ -48,7 +48,6 @@ def test_bold_is_what_is_better_than_each_other_of_its_row():
         assert [cell.startswith("**") for cell in cells] == expected, name
         bold += [name] * is_clear
     assert bold == ["d4rl-like/medium-replay", "siemens-offline/optimized-40"]
-    assert "in one of the 24 rows of the first table, the interval shows" in " ".join(PAGE.split())
 
 
 def lowest(one, other):
@@ -70,17 +69,6 @@ def test_the_picture_has_the_scores_of_all_seeds():
     low, high = (means[x, "behaviour"] for x in ("global-100", "optimized-0"))
     expected = 100 * (means["bad-0", "model-based"] - low) / (high - low)
     assert rows["bad-0"]["model-based"] == [pytest.approx(expected)]
-
-
-def test_every_number_of_the_reading_is_a_result():
-    """It is a mean over seeds, a single seed, or a reference."""
-    reading = PAGE.partition("## Reading\n")[2].partition("With gains raised")[0]
-    numbers = re.findall(r"−[\d.]+\d", reading)
-    assert numbers
-    runs = ibdata.baselines()
-    means = runs.groupby(["set", "algorithm"])["mean_return"].mean()
-    values = [*runs["mean_return"], *means, *page.references().values()]
-    assert set(numbers) <= {f"{value / 100:.1f}".replace("-", "−") for value in values}
 
 
 @pytest.mark.slow
@@ -136,18 +124,3 @@ def test_published_percentiles_stand_beside_the_seeds_mean():
     assert row.p10 == pytest.approx(np.mean(seeds))
     assert row.difference == pytest.approx(row.p10 - row.published_p10)
     assert set(frame.dropna()["algorithm"]) == {"td3+bc", "cql", "bcq", "bear"}
-
-
-def test_the_words_about_the_literature_agree_with_the_data():
-    text = re.sub(r"\s+", " ", PAGE.partition("## Beside the literature\n")[2])
-    frame = ibdata.baselines(published=True).assign(set=lambda x: x["set"].str.partition("/")[2])
-    differences = frame.pivot(index="set", columns="algorithm", values="difference") / 100
-    bad = [f"bad-{share}" for share in (20, 40, 60)]
-    assert f"{differences.loc[bad, 'td3+bc'].min():.0f} to {differences.loc[bad, 'td3+bc'].max():.0f}" in text
-    cql = differences.loc[[*bad, "bad-80"], "cql"]
-    assert f"{cql.min():.0f} to {cql.max():.0f} better" in text
-    assert f"{-differences.loc['bad-0', 'cql']:.0f} worse" in text
-    known = frame.pivot(index="set", columns="algorithm", values="published_p10")
-    models = known[["moose", "wsbc", "mopo", "morel"]]
-    assert f"on {(models.max(axis=1) == known.max(axis=1)).sum()} of the 16 sets the best" in text
-    assert f"On {(models.min(axis=1) == known.min(axis=1)).sum()} sets, the worst does too" in text

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from training import formulas
 from training import prototypes_page as page
 from training.plan import FOUR, SIZES, Run, episodes_each, plan, transfer
 from training.protocol import EVALUATIONS, LITERATURE
-from training.results import Results, difference, means, number
+from training.results import Results, difference, means
 
 LINES = shipped_baselines([PROTOTYPES])
 PAGE = (ROOT / "docs/prototypes.md").read_text(encoding="utf-8")
@@ -87,22 +86,11 @@ def test_the_formulas_have_their_returns_in_fewer_episodes():
     assert published["21"] > published["29"] > published["27"]
 
 
-def test_every_number_of_the_text_is_in_a_table_of_the_page():
-    beside = [line for each in MEASURED["tables"].values() for line in each["table"]]
-    tables = "\n".join(line for line in [*PAGE.splitlines(), *beside] if line.startswith("|"))
-    text = " ".join(line for line in PAGE.splitlines() if not line.startswith("|"))
-    for form in (r"−\d+\.\d+", r"\d+\.\d+ ± \d+\.\d+"):
-        numbers = re.findall(form, text)
-        assert numbers
-        assert set(numbers) <= set(re.findall(form, tables))
-
-
 RESULTS = Results(LINES)
 FEW, MIDDLE, _ = (episodes_each(count) for count in SIZES["random"])
 START, AROUND, LONG = page.COLUMNS
 ALL = [*FOUR, "cql"]
 TRAINED = [(name, *pair) for name in SIZES for pair in page.learned_parts(RESULTS, name)]
-TEXT = " ".join(PAGE.split())
 
 
 def of(name, data, algorithm, column):
@@ -141,16 +129,9 @@ def test_no_run_reaches_optimized():
     assert max(random, key=lambda run: np.mean(of(*run, START))) == ("random", MIDDLE, "cql")
 
 
-def test_the_readme_has_the_best_from_as_many_transitions():
-    best = [max((np.mean(of(name, MIDDLE, x, START)), x) for x in ALL) for name in ("random", "safe")]
-    assert [name for _, name in best] == ["cql", "iql"]
-    random, safe, optimized = (
-        number(x) for x in (*(x for x, _ in best), known("random", "optimized", START))
-    )
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert f"| 10⁵ random transitions | CQL, three seeds | {random} |\n" in text
-    assert f"| 10⁵ safe transitions | IQL, three seeds | {safe} |\n" in text
-    assert f"| nothing | the formula `optimized` | {optimized} |\n" in text
+def test_the_readme_names_the_best_from_as_many_transitions():
+    best = [max(ALL, key=lambda x: np.mean(of(name, MIDDLE, x, START))) for name in ("random", "safe")]
+    assert best == ["cql", "iql"]
 
 
 def test_where_safe_behaviour_is_improved():
@@ -176,15 +157,9 @@ def test_where_safe_data_are_harder():
 
 def test_policies_at_the_target():
     [settings] = EVALUATIONS["transfer"]
-    constant, optimized = (
-        RESULTS.known("transfer", x, settings).mean() / 100 for x in ("constant", "optimized")
-    )
+    optimized = RESULTS.known("transfer", "optimized", settings).mean() / 100
     cells = {(run.trained_on, run.algorithm): at_75(run.trained_on, run.algorithm) for run in transfer(0)}
     assert max(map(max, cells.values())) < optimized
-    below = sum(max(seeds) < constant for seeds in cells.values())
-    over = sum(min(seeds) > constant for seeds in cells.values())
-    assert f"In {below} of the {len(cells)} entries, all seeds are below" in TEXT
-    assert f"; in {over}, all are above" in TEXT
     assert max(cells, key=lambda x: np.mean(cells[x])) == ("10 at 75", "model-based")
     best = sorted(cells, key=lambda x: max(cells[x]))[-2:]
     assert best == [("5 at 75", "iql"), ("100 at 50, then 10 at 75", "model-based")]

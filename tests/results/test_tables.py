@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import re
-from statistics import mean
 
 import numpy as np
 import pytest
 from helpers import ROOT, script
 
 import ibdata
-from ibdata.dataset.reference_returns import scale
 from ibdata.evaluation.baselines import FILE, shipped_baselines
 from ibdata.experiment import shipped
 from measuring.documents import measured
@@ -25,7 +22,7 @@ def stored(name):
     return json.loads((ROOT / "docs" / f"{name}.json").read_text(encoding="utf-8"))
 
 
-CANONICAL, QUALITY, MODELS, VIEWS = map(stored, ("canonical", "quality", "world-models", "figures/views"))
+CANONICAL, QUALITY, MODELS = map(stored, ("canonical", "quality", "world-models"))
 
 
 @pytest.mark.parametrize(
@@ -72,31 +69,7 @@ def test_the_text_about_quality_agrees_with_the_table():
     sets |= {f"siemens-offline/bad-{share}" for share in (0, 20, 40, 60, 80)}
     sets |= {"drifting", "d4rl-like/medium-replay", "d4rl-like-all/medium-replay", "neorl-like/low"}
     assert worse == sets
-    known = scale("siemens", "default", 1000, 1.0, drifting=True)
-    random, expert = known.ends([10, 30, 50, 70, 90], "expert")
-    error = CANONICAL["drifting"]["standard_error"] / (expert - random)
-    drifting = f"{QUALITY['drifting']['trajectory_quality']:.2f} ± {error:.2f}"
-    assert drifting.replace("-", "−") in page("quality")
-    assert [QUALITY[f"siemens-offline/{name}-0"]["pairs"] for name in ("bad", "mediocre")] == [14, 12]
-    mixed = (QUALITY[f"siemens-offline/{name}-80"] for name in ("bad", "optimized"))
-    assert [round(100 * each["state_action_coverage"]) for each in mixed] == [15, 27]
     assert QUALITY["siemens-offline/optimized-0"]["action_entropy"] == 0.0
-
-
-def test_the_page_of_views_shows_each_return_and_its_settings():
-    text = page("views")
-    shown = re.findall(r"^\| (.+?) \| (−\d+\.\d\d) \| (.+?) \|$", text, flags=re.MULTILINE)
-    returns = {name: [one["return"] for one in seeds.values()] for name, seeds in VIEWS["returns"].items()}
-    written = {name: [f"{x:.2f}".replace("-", "−") for x in (mean(xs), *xs)] for name, xs in returns.items()}
-    assert shown == [(name, whole, ", ".join(seeds)) for name, (whole, *seeds) in written.items()]
-    largest = max(one["standard_error"] for seeds in VIEWS["returns"].values() for one in seeds.values())
-    for said in (
-        f"`{VIEWS['dataset']}`",
-        f"{VIEWS['steps']:,} steps",
-        f"{VIEWS['episodes']} new episodes",
-        f"at most {largest:.2f}",
-    ):
-        assert said in text
 
 
 def test_ridge_regression_is_between_persistence_and_the_floor(tmp_path):
@@ -120,9 +93,5 @@ def test_the_text_about_world_models_agrees_with_the_tables():
 
     learned = [over("optimized-40", h, m, 0) for h in ("1", "10") for m in ("ridge regression", "network")]
     assert max(learned) < 1.04
-    assert [round(over("global-100", h, "network", 0), 2) for h in ("1", "10")] == [1.08, 1.43]
     sets = ("global-100", "optimized-40")
     assert min(over(name, "1", "ridge regression", 1) for name in sets) > 3
-    assert [round(over(name, "1", "network", 1), 1) for name in sets] == [2.4, 1.9]
-    found = [over("global-100", "10", model, 1) for model in ("network", "ridge regression")]
-    assert np.round(found, 1).tolist() == [5.1, 22.6]
