@@ -14,7 +14,7 @@ from ibdata.errors import ConfigError
 from ibdata.experiment import Experiment, load
 from ibdata.policies import weights_file
 from ibdata.policies.network import TANH_EDGE as EDGE
-from ibdata.policies.network import Network
+from ibdata.policies.network import Network, squashed
 from ibdata.policies.weights_file import Weights
 
 SHAPES = [(1, ()), (2, (8, 5)), (30, (64, 9, 4))]
@@ -78,6 +78,12 @@ def test_the_action_is_the_tanh_of_the_mean_and_one_next_to_it(saved):
     assert edge.any()
     np.testing.assert_array_equal(action[edge], np.sign(expected[edge]))
     np.testing.assert_allclose(action, expected, atol=1e-6)
+
+
+def test_an_action_within_2_to_the_minus_20_of_an_end_is_the_end():
+    inside, outside = np.arctanh([1 - 2.0**-19, 1 - 2.0**-20.5])
+    assert squashed(inside, True) == pytest.approx(1 - 2.0**-19, abs=1e-9)
+    assert (squashed(outside, True), squashed(-outside, True)) == (1.0, -1.0)
 
 
 def test_a_policy_is_its_weights_not_their_path(saved, tmp_path):

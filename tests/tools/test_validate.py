@@ -69,6 +69,16 @@ def test_a_broken_row_is_named_with_its_rule(copied, shard):
         (copied / shard).write_bytes(whole)
 
 
+@pytest.mark.parametrize(("name", "rule"), [("reward", "reward"), ("next_obs_velocity", "steering")])
+def test_a_value_ten_roundings_off_is_named(copied, shard, name, rule):
+    """By definition, a rule allows for what rounding to float32 does: about three, and four, such steps."""
+    value = np.float32(pq.read_table(copied / shard)[name][39].as_py())
+    put(copied / shard, name, 39, float(value + 10 * np.spacing(value)))
+    spec = spec_in(ibdata.open(copied).stored)
+    problems = check_shard(spec, spec.shards[1], Storage(copied), shard)[1]
+    assert (39, rule) in {(p.row, p.rule) for p in problems}
+
+
 def test_many_broken_rows_are_one_problem_that_counts_them(copied, shard):
     put(copied / shard, "obs_gain", slice(None), np.full(40, 101.0))
     seal(copied)
