@@ -99,6 +99,22 @@ def test_ranges_that_meet_in_a_shard_both_succeed(plain, files, interleaved):
     assert is_right("out", plain.path, files)
 
 
+def test_a_shard_that_two_hosts_wrote_in_other_bytes_is_published_once(interleaved, small_blocks):
+    """As with two versions of pyarrow: each host's file has a name of its own."""
+
+    def on_another_host():
+        small_blocks(row_group_rows=2)
+        make("1/1")
+        small_blocks(row_group_rows=1_000)
+
+    interleaved(on_another_host)
+    make("1/2")
+    assert len(list((run_of("out") / "dataset/data").iterdir())) > 10
+    made = ibdata.finalize("out")
+    assert len(list((made.path / "data").iterdir())) == 10
+    assert ibdata.validate(made.path) == []
+
+
 def test_missing_and_damaged_shards_are_named(shard_file):
     make("1/3")
     folder = run_of("out") / "dataset"
