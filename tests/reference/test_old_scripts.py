@@ -18,8 +18,9 @@ from reference import old_scripts, tapes
 from ibdata import published
 
 STORED = json.loads((ROOT / "tests/reference/old_scripts.json").read_text())["rows"]
-KEPT = [row for row in old_scripts.KEPT if FULL or row < 1000]
-STEPS = KEPT[-1] + 1
+# At full size three scripts go on to the last kept row: these meet bounds, moving setpoints and all of a gym.
+LONG = ("IDS, fixed at 100, beyond the range of actions", "IDS, drifting from a bound")
+LONG += ("IBGym, delta, continuous, include_past",)
 
 pytestmark = pytest.mark.usefixtures("global_generator")
 
@@ -42,10 +43,12 @@ def worst(seen, expected):
 
 @pytest.mark.parametrize("name", old_scripts.NAMES)
 def test_a_script_sees_the_numbers_that_the_package_gave_it_on_numpy_1_and_gives_it_now(name, package):
-    seen = old_scripts.rows(name, STEPS, published.IDS, published.IBGym)
-    assert worst(seen[KEPT], np.array(STORED[name][: len(KEPT)])) <= tapes.TOLERANCE
-    seen = old_scripts.rows(name, STEPS, published.IDS, published.IBGym, kind=np.float64)
-    assert worst(seen, old_scripts.rows(name, STEPS, *package, kind=np.float64)) <= tapes.TOLERANCE
+    kept = old_scripts.KEPT if FULL and name in LONG else old_scripts.KEPT[:-1]
+    steps = kept[-1] + 1
+    seen = old_scripts.rows(name, steps, published.IDS, published.IBGym)
+    assert worst(seen[list(kept)], np.array(STORED[name][: len(kept)])) <= tapes.TOLERANCE
+    seen = old_scripts.rows(name, steps, published.IDS, published.IBGym, kind=np.float64)
+    assert worst(seen, old_scripts.rows(name, steps, *package, kind=np.float64)) <= tapes.TOLERANCE
 
 
 def test_the_scripts_reach_every_draw():
