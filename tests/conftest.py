@@ -112,6 +112,7 @@ SIZES = {  # of what is worked on at a time
     "sampled_rows": "ibdata.dataset.statistics.SAMPLE_ROWS",
     "compared_rows": "ibdata.evaluation.overlap.PART_ROWS",
     "counted_rows": "ibdata.dataset.quality.BLOCK_ROWS",
+    "exported_rows": "ibdata.exporters._source.BLOCK_ROWS",
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 import pytest
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.dataset.quality import (
@@ -123,8 +124,7 @@ def test_splits_and_selections_are_those_of_the_reader(dataset):
     assert (found.rows, found.episodes) == (120, 3)
     with pytest.raises(UsageError, match="no episode that meets all"):
         ibdata.quality(dataset.select("source", setpoint=70))
-    with pytest.raises(UsageError, match="expected one of source, target"):
-        ibdata.quality(dataset, "nope")
+    refused("expected one of source, target", ibdata.quality, dataset, "nope")
 
 
 def table(*rows):

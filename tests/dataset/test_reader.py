@@ -10,9 +10,9 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from helpers import python
+from helpers.refusals import refused
 
 import ibdata
-from ibdata.errors import UsageError
 
 pytestmark = pytest.mark.portable
 
@@ -83,8 +83,7 @@ REFUSED = [
 
 def test_options_that_cannot_be_meant_are_refused(dataset):
     for read, line in REFUSED:
-        with pytest.raises(UsageError, match=line):
-            read(dataset)
+        refused(line, read, dataset)
 
 
 def test_files_that_the_manifest_does_not_list_are_not_read(copied, dataset):

@@ -24,8 +24,7 @@ def test_an_edited_manifest_or_one_of_another_version_is_refused(copied):
         ("data_version", listed["data_version"] - 1, "found data version .*; make"),
     ):
         path.write_text(json.dumps({**listed, key: value}))
-        with pytest.raises(DatasetError, match=rf"meta/manifest\.json: .*{line}"):
-            ibdata.open(copied)
+        refused(rf"meta/manifest\.json: .*{line}", ibdata.open, copied, error=DatasetError)
 
 
 READS = [

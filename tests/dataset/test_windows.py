@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.errors import UsageError
@@ -64,8 +65,7 @@ def test_a_folder_with_anything_else_is_refused(dataset, tmp_path):
     with pytest.raises(UsageError, match=r"begun: an unfinished run of generate has this name; choose"):
         dataset.windows(folder=tmp_path / "begun")
     (tmp_path / "mine").mkdir()
-    with pytest.raises(UsageError, match=r"folder: .*mine holds something else"):
-        dataset.windows(folder=tmp_path / "mine")
+    refused(r"folder: .*mine holds something else", dataset.windows, folder=tmp_path / "mine")
     assert list((tmp_path / "mine").iterdir()) == []
 
 
@@ -101,13 +101,9 @@ def test_a_pickle_is_the_folder_or_each_value_once(dataset, tmp_path, monkeypatc
     assert (again.frame, again.history, again.left_out) == (windows.frame, windows.history, windows.left_out)
     if folder:
         (tmp_path / folder).rename(tmp_path / "gone")
-        with pytest.raises(
-            UsageError, match=r"^folder: .*windows is gone, expected .*; make the windows again$"
-        ):
-            pickle.loads(sent)
+        refused(r"^folder: .*windows is gone, expected .*; make the windows again$", pickle.loads, sent)
         dataset.select(policy="random").windows(folder=tmp_path / folder)  # of other episodes
-        with pytest.raises(UsageError, match=r"^folder: .*windows holds something else than these windows"):
-            pickle.loads(sent)
+        refused(r"^folder: .*windows holds something else than these windows", pickle.loads, sent)
 
 
 def test_a_damaged_folder_is_refused(dataset, tmp_path):

@@ -89,8 +89,7 @@ def test_other_actions_are_refused_in_one_line():
 
 def test_a_negative_seed_and_a_drift_of_a_constant_setpoint_are_refused_in_one_line():
     refuse_negative([None, 0, 2**70])
-    with pytest.raises(UsageError, match=r"^seed: found -1, expected a whole number of at least 0$"):
-        refuse_negative([0, None, -1])
+    refused(r"^seed: found -1, expected a whole number of at least 0$", refuse_negative, [0, None, -1])
     with pytest.raises(UsageError, match="found latent_drift_rate, which only a moving setpoint has"):
         settings(view={"observe": ["latent_drift_rate"]})
 

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from helpers.refusals import refused
 
 from ibdata.errors import ConfigError, UsageError
 from ibdata.experiment import find, load, load_all, shipped, suites
@@ -73,10 +74,7 @@ def test_a_folder_where_one_file_is_meant_is_refused(folder):
 
 @pytest.mark.parametrize("config", [None, 42, ["random"]])
 def test_what_is_no_experiment_is_refused(config):
-    with pytest.raises(
-        UsageError, match=f"^config: found {re.escape(repr(config))}, expected a file, the na"
-    ):
-        load(config)
+    refused(f"^config: found {re.escape(repr(config))}, expected a file, the na", load, config)
 
 
 @pytest.mark.parametrize(("config", "near"), [("randm.yaml", "random"), ("zzzzzz", None)])

@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.errors import IbdataError, Interrupted
@@ -27,8 +28,7 @@ def test_a_class_is_to_be_made_an_object():
 def test_a_file_is_named_with_its_ending(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").write_text("name: mine")
-    with pytest.raises(IbdataError, match=r"config: found 'mine'; did you mean 'mine\.yaml'\?"):
-        ibdata.generate("mine")
+    refused(r"config: found 'mine'; did you mean 'mine\.yaml'\?", ibdata.generate, "mine", error=IbdataError)
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,7 @@ def test_a_call_that_is_made_in_another_way(made, call, line):
 def test_a_folder_that_is_gone_is_not_to_be_repaired(tmp_path):
     gone = ibdata.generate(PLAIN, tmp_path / "x")
     (tmp_path / "x").rename(tmp_path / "y")
-    with pytest.raises(IbdataError, match=r"missing$"):
-        gone.arrays()
+    refused(r"missing$", gone.arrays, error=IbdataError)
 
 
 def test_a_signal_of_the_keyboard_is_named_by_its_keys():

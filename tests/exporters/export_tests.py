@@ -67,10 +67,10 @@ class ExportTests:
 
     @pytest.mark.parametrize(("history", "view"), VIEWS.values(), ids=VIEWS)
     def test_every_value_of_the_arrays_is_there_again(
-        self, dataset, tmp_path, to, history, view, monkeypatch
+        self, dataset, tmp_path, to, history, view, small_blocks
     ):
         """And the export says what it shows; blocks of any size give the same values."""
-        monkeypatch.setattr("ibdata.exporters._source.BLOCK_ROWS", 30 if history == 3 else 10**6)
+        small_blocks(exported_rows=30 if history == 3 else 10**6)
         made = ibdata.export(dataset, to, tmp_path / "made", split="target", history=history, view=view)
         assert (made.format, made.rows, made.episodes) == (to, 160, 4)
         assert made.frame == dataset.windows(view=view).frame

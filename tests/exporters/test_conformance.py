@@ -29,9 +29,9 @@ class TestFiles(ExportTests):
         return request.param
 
 
-def test_a_block_is_bounded_and_holds_whole_episodes(dataset, monkeypatch):
+def test_a_block_is_bounded_and_holds_whole_episodes(dataset, small_blocks):
     """So memory does not grow with the dataset: at most the rows asked for and one episode more."""
-    monkeypatch.setattr("ibdata.exporters._source.BLOCK_ROWS", 60)
+    small_blocks(exported_rows=60)
     for history, limit in ((1, 60), (3, 20)):
         blocks = list(Source(dataset.select(), history=history).blocks())
         assert sum(len(block["rewards"]) for block in blocks) == 480

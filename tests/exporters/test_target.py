@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from exporters.reading import files, holds
 from helpers import python
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.errors import IbdataError, UsageError
@@ -150,7 +151,6 @@ def test_a_target_that_cannot_be_written_is_refused(dataset, tmp_path):
         ("a\0b", r"'a\\x00b', expected a path without NUL$"),
         (tmp_path / "file" / "x.csv", "file/x.csv: "),
     ):
-        with pytest.raises(IbdataError, match=line):
-            ibdata.export(dataset, "csv", out)
+        refused(line, ibdata.export, dataset, "csv", out, error=IbdataError)
     assert not (dataset.path / "data" / "x.csv").exists()
     assert os.listdir(tmp_path) == ["file"]

@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 from helpers.datasets import TEN_SHARDS as TEN
 from helpers.folders import contents, is_right, part_of, receipts, run_of
+from helpers.refusals import refused
 
 import ibdata
 from ibdata import IbdataError
 from ibdata._system import part as parts
 from ibdata.cli import main
-from ibdata.errors import BusyError, UsageError
+from ibdata.errors import BusyError
 from ibdata.generation import folder, record, workers
 from ibdata.generation.generate import PartMade, Range
 from ibdata.plan.dataset_spec import DatasetSpec
@@ -55,8 +56,7 @@ def interleaved(monkeypatch):
 
 def test_what_is_no_range_is_refused():
     for text in ("1", "0/3", "4/3", "1/3/3", "1/ 3", "²/3", "1/999999"):
-        with pytest.raises(UsageError, match=r"^shards: found .*, expected i/n with i from 1 to n, such as"):
-            make(text)
+        refused(r"^shards: found .*, expected i/n with i from 1 to n, such as", make, text)
     assert contents() == {}
 
 
@@ -183,8 +183,7 @@ def test_a_whole_run_and_ranges_exclude_each_other(interleaved, monkeypatch):
 
     def excluded(*calls):
         for call in calls:
-            with pytest.raises(BusyError, match=r"^out: another process is writing here; wait for it"):
-                call()
+            refused(r"^out: another process is writing here; wait for it", call, error=BusyError)
 
     interleaved(lambda: excluded(*wholes))
     make("1/2")

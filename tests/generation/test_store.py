@@ -18,6 +18,7 @@ from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.datasets import four_shards_at
 from helpers.folders import contents
 from helpers.fork_server import whole
+from helpers.refusals import refused
 
 import ibdata
 from ibdata._system import runs
@@ -217,8 +218,7 @@ def test_another_experiment_is_refused_as_in_a_folder(url, capsys):
     assert f"{place}  " in capsys.readouterr().out
     shutil.rmtree(run / "receipts")
     ibdata.generate(other, url, workers=1)
-    with pytest.raises(UsageError, match=rf"there: holds the dataset of another .*; remove {url} to drop it"):
-        four_shards_at(url)
+    refused(rf"there: holds the dataset of another .*; remove {url} to drop it", four_shards_at, url)
 
 
 @pytest.mark.parametrize("moment", ["before", "after"])
@@ -245,8 +245,7 @@ def test_of_two_experiments_that_are_published_at_once_one_waits(url, is_whole, 
     monkeypatch.setattr(store.Store, "gather", gathering)
     four_shards_at(url)
     assert Path("there", manifest.PATH).exists()
-    with pytest.raises(UsageError, match="the dataset of another experiment"):
-        ibdata.generate(other, url, workers=1)
+    refused("the dataset of another experiment", ibdata.generate, other, url, workers=1)
     shutil.rmtree(".there.part")
     assert is_whole()
 
@@ -275,8 +274,7 @@ def test_a_run_that_ends_while_somebody_looks_is_a_dataset(url, is_whole, monkey
 
     with monkeypatch.context() as patched:
         patched.setattr(store.Store, "appear", lambda *args: interrupt())
-        with pytest.raises(IbdataError, match="connection lost"):
-            four_shards_at(url)
+        refused("connection lost", four_shards_at, url, error=IbdataError)
     monkeypatch.setattr(store.Store, "_publishing", ending)
     place = place_at(url)
     place.found()
@@ -348,8 +346,7 @@ def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole):
     """Also those that come while the dataset is published; stale shards of a run that is lost go."""
     Path("there").mkdir()
     Path("there/notes.txt").write_text("mine")
-    with pytest.raises(UsageError, match="there: not a dataset of ibdata, left as it is; move it away"):
-        four_shards_at(url)
+    refused("there: not a dataset of ibdata, left as it is; move it away", four_shards_at, url)
     Path("there/notes.txt").unlink()
     gather = store.Store.gather
 
@@ -361,10 +358,7 @@ def test_other_files_are_named_and_left_alone(url, monkeypatch, is_whole):
 
     with monkeypatch.context() as patched:
         patched.setattr(store.Store, "gather", meeting)
-        with pytest.raises(
-            UsageError, match=r"there/notes.txt: found a file that is not the dataset's; move"
-        ):
-            four_shards_at(url)
+        refused(r"there/notes.txt: found a file that is not the dataset's; move", four_shards_at, url)
     assert Path("there/notes.txt").read_text() == "mine"
     Path("there/notes.txt").unlink()
     four_shards_at(url)
@@ -422,10 +416,8 @@ def test_what_a_url_cannot_do_is_refused(url, tmp_path):
     before = contents()
     with pytest.raises(UsageError, match=f"^{url}: overwrite=True is for folders; remove what is there, or"):
         ibdata.generate(TINY, url, workers=1, seed=1, overwrite=True)
-    with pytest.raises(UsageError, match="lies within the dataset"):
-        four_shards_at(f"file://{tmp_path}/there/data/in")
+    refused("lies within the dataset", four_shards_at, f"file://{tmp_path}/there/data/in")
     Path("there/meta/statistics.json").write_text("{}")
     problem = f"{url}/meta/statistics.json: missing or not whole, but the dataset is finished"
-    with pytest.raises(DatasetError, match=f"^{problem}; remove {url} to make it again$"):
-        four_shards_at(url)
+    refused(f"^{problem}; remove {url} to make it again$", four_shards_at, url, error=DatasetError)
     assert contents().keys() == before.keys()

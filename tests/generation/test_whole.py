@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from helpers.datasets import FOUR_SHARDS as TINY
 from helpers.folders import contents, is_right, part_of, receipts, run_of
+from helpers.refusals import refused
 
 import ibdata
 from ibdata import IbdataError
@@ -116,8 +117,7 @@ def test_a_run_whose_note_is_damaged_is_refused_and_replaced(tiny, files, begun,
         r"^out: holds an unfinished run (whose note is damaged, or of .*|of another .*\)), 2 of [?4] shards"
     )
     for options in ({}, {"shards": "1/2"}):
-        with pytest.raises(UsageError, match=line):
-            ibdata.generate(TINY, "out", workers=1, **options)
+        refused(line, ibdata.generate, TINY, "out", workers=1, **options)
     ibdata.generate(TINY, "out", workers=1, overwrite=True)
     assert is_right("out", tiny[0].path, files)
 
@@ -161,8 +161,7 @@ def test_a_pipe_in_a_run_hangs_nobody(begun, capsys):
         with suppress(SystemExit):
             main(command)
     for call in (ibdata.generate, ibdata.estimate):
-        with pytest.raises(UsageError, match=r"manifest\.json: found what ibdata did not"):
-            call(TINY, "out")
+        refused(r"manifest\.json: found what ibdata did not", call, TINY, "out")
 
 
 NOTES = {
@@ -237,10 +236,7 @@ def test_no_link_in_a_part_is_followed(begun, name, overwrite):
         lambda: ibdata.generate(TINY, "out", workers=1, overwrite=overwrite),
         lambda: ibdata.finalize("out"),
     ):
-        with pytest.raises(
-            UsageError, match=r"what ibdata did not make, expected nothing; |not a dataset of"
-        ):
-            call()
+        refused(r"what ibdata did not make, expected nothing; |not a dataset of", call)
     assert contents() == before
 
 

@@ -12,6 +12,7 @@ import pytest
 
 import ibdata
 from helpers.folders import receipts
+from helpers.refusals import refused
 from ibdata.errors import IbdataError
 
 # A policy of several files, whose run stops in the third of four shards while `at-70-stop.py` is there.
@@ -101,8 +102,7 @@ class OwnCode:
     def stopped(self, out="out"):
         """A run that stops in the third shard."""
         self.edit(STOP)
-        with pytest.raises(IbdataError, match="RuntimeError: stopped"):
-            self.run(out)
+        refused("RuntimeError: stopped", self.run, out, error=IbdataError)
         (self.folder / next(iter(STOP))).unlink()
         assert len(receipts(out)) == 2
 

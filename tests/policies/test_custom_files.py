@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.policies import proposed, ready
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.errors import UsageError
@@ -58,8 +59,7 @@ def test_a_missing_file_is_expected_in_places_that_are_named(beside, tmp_path):
     assert ibdata.validate("out") == []
     line = r"^code/own-policy\.py:Own: found no file 'code/own-policy\.py', expected it beside .*: "
     here = f"{tmp_path}/code/own-policy.py; "
-    with pytest.raises(UsageError, match=f"{line}{here}"):
-        ibdata.reproduce("out", allow_code=True)
+    refused(f"{line}{here}", ibdata.reproduce, "out", allow_code=True)
     missing = r"policies\.0\.target: found no file 'code/own-policy\.py', expected it beside .*: "
     named = rf"^out/meta/experiment\.yaml:\d+:\d+: {missing}"
     with pytest.raises(UsageError, match=f"{named}{tmp_path}/out/meta/code/own-policy.py or {here}"):

@@ -153,8 +153,7 @@ def test_a_deterministic_policy_of_a_user_may_be_the_base_of_noise():
     noisy = {"kind": "gaussian", "base": Sure(), "scale": 0.1}
     assert ibdata.evaluate(noisy, steps=3, episodes=2).returns.size == 2
     for base in (Still(), Drawing()):
-        with pytest.raises(ibdata.IbdataError, match="without deterministic: true"):
-            as_policy({**noisy, "base": base})
+        refused("without deterministic: true", as_policy, {**noisy, "base": base}, error=ibdata.IbdataError)
 
 
 class Noisy(Policy):

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from helpers.datasets import PLAIN
 from helpers.folders import contents
+from helpers.refusals import refused
 from helpers.splits import BY_POLICY, HALVES
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import UsageError
 from ibdata.tools.card import card
 
 slow = pytest.mark.slow
@@ -106,8 +106,7 @@ def test_an_edited_file_is_replaced_only_if_that_is_said(plain, tmp_path, monkey
     (folder / name).write_text("mine")
     edited = contents(folder)
     message = f"^{folder / name}: found other text than ibdata writes now; overwrite=True to replace it$"
-    with pytest.raises(UsageError, match=message):
-        card(folder)
+    refused(message, card, folder)
     assert contents(folder) == edited
     card(folder, overwrite=True)
     assert contents(folder) == own

@@ -2,9 +2,9 @@
 
 import pytest
 from helpers.folders import part_of
+from helpers.refusals import refused
 
 import ibdata
-from ibdata.errors import UsageError
 
 
 def left(place):
@@ -23,8 +23,7 @@ def dataset(tmp_path_factory):
 def test_an_export_that_is_there(dataset, tmp_path):
     ibdata.export(dataset, "npz", tmp_path / "made")
     part = left(tmp_path / "made")
-    with pytest.raises(UsageError, match="exists already"):
-        ibdata.export(dataset, "npz", tmp_path / "made")
+    refused("exists already", ibdata.export, dataset, "npz", tmp_path / "made")
     assert not part.exists()
 
 

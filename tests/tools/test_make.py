@@ -72,8 +72,7 @@ def test_a_process_waits_for_another_that_makes_the_set(cache, monkeypatch):
         other.enter_context(locked(cache / ".random.lock"))
         with monkeypatch.context() as hasty:
             hasty.setattr(room, "PATIENCE", 0.0)
-            with pytest.raises(BusyError, match="datasets/random: another process"):
-                ibdata.make("random")
+            refused("datasets/random: another process", ibdata.make, "random", error=BusyError)
         assert not (cache / "random").exists()
         of_other = other.pop_all()
 

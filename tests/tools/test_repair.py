@@ -11,11 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import PLAIN
 from helpers.folders import contents, seal
+from helpers.refusals import refused
 from helpers.splits import BY_POLICY
 
 import ibdata
 from ibdata.dataset import manifest
-from ibdata.errors import DatasetError, UsageError
+from ibdata.errors import DatasetError
 from ibdata.tools.repair import repair
 from ibdata.tools.validate import validate
 
@@ -113,8 +114,7 @@ def test_lost_splits_are_those_declared_and_a_line_says_so(copied, capsys):
 def test_a_dataset_is_reproduced_whole_or_in_part(made):
     for episodes, count in ((None, 12), (5, 5), (100, 12)):
         assert ibdata.reproduce(made.path, episodes) == (count, [])
-    with pytest.raises(UsageError, match=r"^episodes: found -3, expected a whole number of at least 1"):
-        ibdata.reproduce(made.path, -3)
+    refused(r"^episodes: found -3, expected a whole number of at least 1", ibdata.reproduce, made.path, -3)
 
 
 def test_an_episode_that_is_not_reproduced_is_named(copied, file):

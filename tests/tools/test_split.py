@@ -4,6 +4,7 @@ import pyarrow.parquet as pq
 import pytest
 from helpers.datasets import MANY
 from helpers.folders import contents
+from helpers.refusals import refused
 from helpers.splits import BY_POLICY, HALVES
 
 import ibdata
@@ -169,6 +170,5 @@ def test_splits_that_were_made_meanwhile_are_not_lost(made, monkeypatch):
         return relabel(*args)
 
     monkeypatch.setattr("ibdata.tools.split.relabel", meanwhile)
-    with pytest.raises(BusyError, match="got other splits meanwhile; split it again"):
-        ibdata.split(made.path, HALVES)
+    refused("got other splits meanwhile; split it again", ibdata.split, made.path, HALVES, error=BusyError)
     assert "random" in ibdata.open(made.path).splits

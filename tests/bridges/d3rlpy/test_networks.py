@@ -14,6 +14,7 @@ from gymnasium.wrappers import FlattenObservation, FrameStackObservation
 from helpers import ROOT
 from helpers.pages import check_guide
 from helpers.policies import action_of, proposed, ready
+from helpers.refusals import refused
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
@@ -197,10 +198,8 @@ def test_a_model_that_does_more_than_its_layers_is_refused(file, model, message)
 )
 def test_a_stack_with_the_oldest_observation_first_is_refused(file, env, name):
     model, message = of_sb3(TD3, env), f"found {name}.*, which puts the oldest observation first"
-    with pytest.raises(ibdata.IbdataError, match=message):
-        saved(file, model)
-    with pytest.raises(ibdata.IbdataError, match=message):
-        ibdata.evaluate(model, history=FRAMES, episodes=1, steps=2)
+    refused(message, saved, file, model, error=ibdata.IbdataError)
+    refused(message, ibdata.evaluate, model, error=ibdata.IbdataError, history=FRAMES, episodes=1, steps=2)
 
 
 @pytest.mark.parametrize("page", ["networks.md", "custom-policies.md"])

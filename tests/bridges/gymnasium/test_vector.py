@@ -3,10 +3,10 @@
 import gymnasium
 import numpy as np
 import pytest
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.environment.vector import MODES
-from ibdata.errors import UsageError
 
 pytestmark = pytest.mark.portable
 
@@ -133,5 +133,4 @@ REFUSED = {
 def test_what_cannot_be_meant_is_refused_in_one_line(call, message):
     env = made("Disabled")
     env.reset(seed=0)
-    with pytest.raises(UsageError, match=f"^{message}"):
-        call(env)
+    refused(f"^{message}", call, env)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from exporters.export_tests import ExportTests
 from exporters.reading import equal, ran
+from helpers.refusals import refused
 
 import ibdata
 from ibdata.dataset import reference_returns
-from ibdata.errors import UsageError
 
 
 @pytest.fixture
@@ -124,8 +124,7 @@ def test_other_returns_have_no_normalized_score(root, tmp_path, changes, view):
 )
 def test_an_id_that_minari_would_not_take_is_refused(dataset, root, id, line):
     (root / "ib/data").mkdir(parents=True)
-    with pytest.raises(UsageError, match=line):
-        ibdata.export(dataset, "minari", root, id=id)
+    refused(line, ibdata.export, dataset, "minari", root, id=id)
 
 
 def test_the_snippet_of_the_page(use_with):
