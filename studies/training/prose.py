@@ -38,6 +38,7 @@ def numbers() -> dict[str, Numbers]:
             "optimized": prototypes["optimized"],
         },
         "docs/prototypes.md": prototypes,
+        "docs/write-a-paper.md": seeds(results),
         "docs/baselines.md": baselines(),
         "docs/quality.md": {**quality(), **world_models()},
         "docs/errata.md": errata(),
@@ -116,6 +117,13 @@ def transfer(results: Results) -> Numbers:
         "error-source": consumption(part("source")),
         "error-after-1": consumption(part("fine-tuned", 1)),
     }
+
+
+def seeds(results: Results) -> Numbers:
+    """How far the seeds of IQL are apart in the transfer, beside the errors over the episodes."""
+    found = means(results.returns("transfer", part("pooled", 2), "iql", AT_TARGET))
+    error = max(results.standard_errors("transfer", AT_TARGET)) / 100
+    return {"error": error, "lowest": min(found), "highest": max(found)}
 
 
 def baselines() -> Numbers:
