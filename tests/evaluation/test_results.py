@@ -32,6 +32,13 @@ def test_the_statistics_are_those_of_the_returns():
     assert low.mean_reward == pytest.approx(returns("random", 10.0, episodes=50, discount=1.0).mean() / 30)
 
 
+def test_policies_of_one_training_each_are_printed_as_results():
+    found = evaluate(["safe", "bad"], steps=3, episodes=2)
+    assert [table.names[0] for table in found.tables()] == ["policy", "policy"]
+    seeds = evaluate({"bc": ["random-bc-0", "random-bc-1"]}, steps=3, episodes=2)
+    assert [table.names[0] for table in seeds.tables()] == ["label"]
+
+
 def test_differences_are_paired_and_of_every_two_policies():
     found = evaluate(["safe", "mediocre", "bad"], [10.0, 70.0], steps=30, episodes=20)
     assert [(d.policy, d.minus, d.setpoint) for d in found.differences] == [

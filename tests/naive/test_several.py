@@ -67,7 +67,8 @@ def test_several_opened_as_one_have_the_rows_of_the_merged_dataset(ds, merged):
     assert ds.select(policy="safe").to_pandas().equals(merged.select(policy="safe").to_pandas())
     assert ds.episodes.equals(merged.episodes)
     assert ds.head(3, at=(13, 5)).equals(merged.head(3, at=(13, 5)))
-    assert repr(ds).endswith("a and 1 more: 480 rows, 24 episodes>")
+    assert repr(ds) == f"<ibdata.Dataset {ds.place}: 480 rows, 24 episodes>"
+    assert ds.place.endswith("a and 1 more")
 
 
 def test_their_order_is_that_of_the_list(pair):

@@ -9,7 +9,16 @@ from helpers import FULL, script
 import ibdata
 from ibdata.dynamics import VARIANTS
 from ibdata.policies import Observed
-from ibdata.policies.expert import GAINS, UNKNOWN, Expert, interpolated, numbers, velocity_and_gain
+from ibdata.policies.expert import (
+    GAINS,
+    SPACING,
+    UNKNOWN,
+    Expert,
+    best_gain,
+    interpolated,
+    numbers,
+    velocity_and_gain,
+)
 
 TABLE, RULE = numbers("siemens")
 K = VARIANTS["siemens"].parameters
@@ -73,6 +82,14 @@ def test_the_gains_are_those_that_the_script_finds(dynamics):
     table, _ = numbers(dynamics)
     for row in table[[0, 7, -1]]:
         assert script("expert").best_gains(dynamics, row[0]) == row[GAINS:].tolist()
+
+
+def test_the_gain_is_interpolated_between_the_velocities_of_the_table():
+    row = TABLE[3]
+    for i, gain in enumerate(row[GAINS:]):
+        assert best_gain(TABLE, row[0], SPACING * i) == pytest.approx(gain, abs=1e-12)
+    middle = [best_gain(TABLE, row[0], SPACING * i + SPACING / 2) for i in range(len(row) - GAINS - 1)]
+    assert middle == pytest.approx((row[GAINS:-1] + row[GAINS + 1 :]) / 2, abs=1e-12)
 
 
 @pytest.mark.parametrize("start", STARTS)
