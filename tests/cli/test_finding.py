@@ -24,7 +24,7 @@ def made(made_at, tmp_path):
     return made_at(PLAIN, tmp_path / "data/tiny")
 
 
-def test_datasets_of_every_state_are_listed(made, made_at, run):
+def test_datasets_of_every_state_are_listed(made, made_at, run, monkeypatch):
     made_at(PLAIN, ".hidden/a")
     (found,) = json.loads(run("ls", "--json")[1])["datasets"]
     assert found == {
@@ -52,6 +52,8 @@ def test_datasets_of_every_state_are_listed(made, made_at, run):
         code, _, err = run(*words)
         assert code == 3
         assert "an unfinished run has 1 of 4 shards here, and the same command goes on" in err
+    monkeypatch.setattr("ibdata.dataset.manifest.DATA_VERSION", 99)
+    assert run("info", "x/begun")[2].endswith("an unfinished run has 1 of 4 shards here\n")
     assert run("info", "data")[2].endswith("is missing; ibdata ls data lists the datasets in it\n")
 
 

@@ -43,6 +43,20 @@ def test_the_mean_has_a_mass_only_where_it_may_be_played(sampled):
     assert not always.atoms(mean).any()
 
 
+def test_a_narrow_draw_may_be_the_mean_action(sampled):
+    """As docs/networks.md says: log(1 - share + share P), with the mass P of the numbers rounded to it."""
+    mean, log_std = [0.5493, -0.3, 1.2], -16.0
+    seen = at_start(np.zeros((1, 1, 6), np.float32), Needs(), np.full((1, 4), 0.9))
+    found = distribution(sampled(0.3, mean=mean, log_std=[log_std] * 3), seen)
+    action = applied(found.sample(seen.draws))  # 0.9 is above the share: the mean
+    masses = []
+    for a, m in zip(action[0], np.float32(mean), strict=True):
+        low, high = rounded_to(a, True)
+        masses.append((high - low) * math.exp(log_component(a, low, high, m, log_std, True)))
+    assert 1e-6 < np.prod(masses) < 0.9
+    assert found.log_density(action) == pytest.approx([math.log(0.7 + 0.3 * np.prod(masses))], rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("way", "given", "expected"),
     [("clamp", [-9.0, -1.0, 2.5], [-5.0, -1.0, 2.0]), ("tanh", [-30.0, 0.0, 0.5493], [-5.0, -1.5, 0.25])],
