@@ -55,18 +55,7 @@ def test_modules_live_in_rooms():
     rooms = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
     named = re.findall(r"^- ([\w, ]+):", ibdata.__doc__, re.MULTILINE)
     assert rooms == {name for line in named for name in line.split(", ")}
-    others = {
-        "bridges",
-        "corpus",
-        "docs",
-        "faults",
-        "helpers",
-        "life",
-        "naive",
-        "reference",
-        "results",
-        "same_bits",
-    }
+    others = set("bridges corpus docs faults helpers life naive reference results same_bits".split())
     folders = {path.name for path in (ROOT / "tests").iterdir() if any(path.glob("test_*.py"))}
     assert folders - others <= {name.lstrip("_") for name in rooms}
 
