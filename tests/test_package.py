@@ -6,8 +6,6 @@ import dataclasses
 import inspect
 import pickle
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import click
@@ -67,12 +65,6 @@ def test_the_public_names():
     assert dynamics.__all__ == DYNAMICS.split()
     with pytest.raises(AttributeError, match="module 'ibdata' has no attribute 'nonsense'"):
         ibdata.nonsense  # noqa: B018 - the access is the test
-
-
-def test_importing_ibdata_imports_nothing_heavy():
-    code = "import sys, ibdata; print({'numpy', 'numba', 'pandas', 'pyarrow'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "set()\n"
 
 
 def test_no_module_names_pickle_or_evaluates_text():

@@ -31,7 +31,7 @@ for words in ([], ["generate"], ["info"], ["export"], ["config", "show"]):
 """
 
 
-def test_help_imports_nothing_heavy():
+def test_help_and_ibdata_itself_import_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", HEAVY], capture_output=True, text=True, check=True)
     assert [line for line in done.stdout.splitlines() if line.startswith("[")] == ["[]"] * 5
 

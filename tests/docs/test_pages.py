@@ -121,15 +121,13 @@ def test_no_page_is_too_long_to_be_read_at_once():
 
 
 @pytest.mark.parametrize(("page", "points"), [("docs/promises.md", 27), ("SECURITY.md", 7)])
-def test_each_promise_names_tests_that_exist(page, points):
-    """Among them, a bare `test_x.py` is a file beside the one named before it, as above."""
+def test_each_promise_names_tests(page, points):
+    """Which exist, as all paths of pages: see above."""
     text = (ROOT / page).read_text(encoding="utf-8").replace("\n  ", " ")
     promises = re.findall(r"^- \*\*.*$", text, re.MULTILINE)
     assert len(promises) == points
     for promise in promises:
-        named = re.findall(r"`(tests/[\w./]+)`", promise)
-        assert named, promise
-        assert all((ROOT / name).exists() for name in named), promise
+        assert re.search(r"`tests/[\w./]+`", promise), promise
 
 
 def test_the_promises_count_the_naive_uses():
