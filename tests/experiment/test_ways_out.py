@@ -19,16 +19,14 @@ class Mine:
 
 
 def test_a_class_is_to_be_made_an_object():
-    with pytest.raises(
-        IbdataError, match=r"^policies\.0: found the class Mine, expected an object: Mine\(…\)$"
-    ):
-        ibdata.load({**PLAIN, "policies": [Mine]})
+    line = r"^policies\.0: found the class Mine, expected an object: Mine\(…\)$"
+    refused(line, ibdata.load, {**PLAIN, "policies": [Mine]})
 
 
 def test_a_file_is_named_with_its_ending(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").write_text("name: mine")
-    refused(r"config: found 'mine'; did you mean 'mine\.yaml'\?", ibdata.generate, "mine", error=IbdataError)
+    refused(r"config: found 'mine'; did you mean 'mine\.yaml'\?", ibdata.generate, "mine")
 
 
 @pytest.fixture(scope="module")
@@ -49,15 +47,15 @@ def made(tmp_path_factory):
     ],
 )
 def test_a_call_that_is_made_in_another_way(made, call, line):
-    with pytest.raises((IbdataError, TypeError, AttributeError)) as refused:
+    with pytest.raises((IbdataError, TypeError, AttributeError)) as found:
         call(made)
-    assert line in str(refused.value)
+    assert line in str(found.value)
 
 
 def test_a_folder_that_is_gone_is_not_to_be_repaired(tmp_path):
     gone = ibdata.generate(PLAIN, tmp_path / "x")
     (tmp_path / "x").rename(tmp_path / "y")
-    refused(r"missing$", gone.arrays, error=IbdataError)
+    refused("missing$", gone.arrays, error=IbdataError)
 
 
 def test_a_signal_of_the_keyboard_is_named_by_its_keys():
