@@ -3,7 +3,6 @@
 A case begins with `== title`. The lines after it begin with a mark:
 
     | …       a line of x.yaml; `|*` stands for the lines of a small experiment
-    @ …       the encoding of x.yaml
     ! …       makes a file, or damages the dataset d (see conftest.py)
     ? … → …   one of several such lines (of x.yaml after a bar), each a case of its own with its text for ⟨⟩
     $ 2: …    runs ibdata in this process and expects exit code 2; {a,b} runs it with a, then with b
@@ -108,15 +107,13 @@ def variants(block: str, shared: dict[str, list[str]]) -> Iterator[Case]:
 
 
 def parsed(title: str, lines: list[str]) -> Case:
-    config, encoding, damage, runs, last = "", "utf-8", [], [], []
+    config, damage, runs, last = "", [], [], []
     for line in lines:
         mark, _, rest = line.partition(" ")
         if mark == "|*":
             config += SMALL
         elif mark == "|":
             config += unescaped(rest) + "\n"
-        elif mark == "@":
-            encoding = rest
         elif mark == "!":
             damage.append(unescaped(rest))
         elif mark in ("$", "%"):
@@ -130,7 +127,7 @@ def parsed(title: str, lines: list[str]) -> Case:
                 (run.err if mark == ">" else run.out).append(rest)
         else:
             assert not line.strip() or line.startswith("#"), f"{title}: {line}"
-    return Case(title, config.encode(encoding, "surrogateescape") if config else None, damage, runs)
+    return Case(title, config.encode("utf-8", "surrogateescape") if config else None, damage, runs)
 
 
 def cases(name: str) -> list[Case]:

@@ -42,6 +42,7 @@ REFUSED = {
     "two colons": ("a: b: c", "1:5", "not valid YAML: mapping values are not allowed here"),
     "a control character": ("a: 1\nb: x\x7f", "2:1", "not valid YAML: unacceptable character"),
     "no UTF-8": (b"a: 1\nb: \xe9\n", "2:1", "found bytes that are not UTF-8, expected UTF-8 text"),
+    "UTF-16": ("a: 1".encode("utf-16"), "1:1", "found bytes that are not UTF-8, expected UTF-8 text"),
 }  # fmt: skip
 
 
