@@ -167,3 +167,20 @@ def test_another_run_at_the_same_place_is_another_run(tmp_path, monkeypatch):
         task = WorkerTask(spec, tmp_path, tmp_path)
         ray._work(task, spec.shards[0])
     assert seeds == [1, 2, 2]
+
+
+@slow
+def test_so_many_processes_make_the_shards_as_are_asked_for(tiny, monkeypatch, files):
+    begun, real = [], workers.Worker
+
+    class Noted(real):
+        def __init__(self, *args):
+            begun.append(args)
+            super().__init__(*args)
+
+    monkeypatch.setattr(workers, "Worker", Noted)
+    made = ibdata.generate(TINY, "two", workers=2)
+    assert len(begun) == 2
+    assert files(made.path) == files(tiny[0].path)
+    ibdata.generate(TINY, "one", workers=1)
+    assert len(begun) == 2
