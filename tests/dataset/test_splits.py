@@ -68,23 +68,6 @@ def test_a_damaged_file_of_splits_is_an_error_with_its_remedy(copied):
             assert str(error.value).endswith(f"; run ibdata repair {copied}")
 
 
-OTHERS = {
-    "declared split gone": lambda listed: listed.pop("target"),
-    "declared split of another size": lambda listed: listed["source"].update(rows=239),
-    "episodes beyond the last": lambda listed: listed["first"].update(runs=[[12, 13]]),
-    "overlapping runs": lambda listed: listed["odd"].update(runs=[[0, 2], [1, 2]]),
-}
-
-
-def test_splits_that_do_not_fit_the_dataset_are_refused(split):
-    whole = (split.path / "meta/splits.json").read_bytes()
-    for edit in OTHERS.values():
-        change(split.path, edit)
-        with pytest.raises(DatasetError, match=r"meta/splits\.json: .*; run ibdata repair"):
-            _ = ibdata.open(split.path).splits
-        (split.path / "meta/splits.json").write_bytes(whole)
-
-
 READS = {
     "rows": lambda d: d.table(),
     "batches": lambda d: list(d.iter_batches()),
