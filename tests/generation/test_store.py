@@ -250,16 +250,21 @@ def test_of_two_experiments_that_are_published_at_once_one_waits(url, is_whole, 
     assert is_whole()
 
 
-def test_a_run_that_another_host_has_finished_is_finished(url, is_whole, monkeypatch):
-    gather = Build._gather
+@pytest.mark.parametrize(
+    ("where", "name", "shards"), [(Build, "_gather", None), (generation, "_make_shards", "1/2")]
+)
+def test_a_run_that_another_host_has_finished_is_finished(url, is_whole, monkeypatch, where, name, shards):
+    """While this host published it, or made its part."""
+    real = getattr(where, name)
 
-    def late(build, closely):
-        monkeypatch.setattr(Build, "_gather", gather)
+    def late(*args):
+        monkeypatch.setattr(where, name, real)
         four_shards_at(url)
-        gather(build, closely)
+        real(*args)
 
-    monkeypatch.setattr(Build, "_gather", late)
-    four_shards_at(url)
+    monkeypatch.setattr(where, name, late)
+    made = ibdata.generate(TINY, url, workers=1, **({"shards": shards} if shards else {}))
+    assert made.missing == 0 if shards else len(made) == 20
     assert is_whole()
 
 
@@ -299,20 +304,6 @@ def test_a_host_that_comes_last_finds_the_dataset(url, place, shards, monkeypatc
     made = ibdata.generate(TINY, out, workers=1, **({"shards": shards} if shards else {}))
     assert made.missing == 0 if shards else len(made) == 20
     assert ibdata.validate(out) == []
-
-
-def test_a_part_that_comes_late_leaves_nothing(url, is_whole, monkeypatch):
-    """The dataset was finished by others while it made its shards."""
-    make_shards = generation._make_shards
-
-    def late(*args):
-        monkeypatch.setattr(generation, "_make_shards", make_shards)
-        four_shards_at(url)
-        make_shards(*args)
-
-    monkeypatch.setattr(generation, "_make_shards", late)
-    assert ibdata.generate(TINY, url, workers=1, shards="1/2").missing == 0
-    assert is_whole()
 
 
 def test_an_object_of_a_session_leaves_no_run(url):
