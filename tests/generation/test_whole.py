@@ -63,6 +63,23 @@ def test_a_lost_shard_is_an_error_and_the_run_goes_on(tiny, files, monkeypatch, 
     assert is_right("out", tiny[0].path, files)
 
 
+@pytest.fixture(scope="module")
+def unfinished(tmp_path_factory):
+    """A folder with two unfinished runs; those of `other` fit `out`, but for their numbers."""
+    folder = tmp_path_factory.mktemp("begun")
+    ibdata.generate(TINY, folder / "out", workers=1, shards="1/2")
+    shutil.copytree(run_of(folder / "out"), run_of(folder / "other"))
+    note = Record.of(DatasetSpec.of(TINY.model_copy(update={"seed": 1})), code=[], reproducible=True)
+    note.write(FolderRun(run_of(folder / "other")))
+    return folder
+
+
+@pytest.fixture
+def begun(unfinished):
+    """A copy of them in the current folder."""
+    shutil.copytree(unfinished, ".", dirs_exist_ok=True)
+
+
 def flipped(data, other):
     at = len(data) // 2
     return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
@@ -93,7 +110,6 @@ CASES = [
 @pytest.mark.parametrize(("path", "damage", "write"), CASES)
 def test_what_is_damaged_in_a_part_is_made_again(tiny, files, begun, path, damage, write):
     """A file of another run is damage, too; and of another shard."""
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
     (found,) = run_of("out").glob(path)
     other = next(run_of("other").glob(path.replace("00001", "00000")))
     found.write_bytes(damage(found.read_bytes(), other.read_bytes()))
@@ -109,7 +125,6 @@ def test_what_is_damaged_in_a_part_is_made_again(tiny, files, begun, path, damag
 @pytest.mark.parametrize("damage", DAMAGE.values())
 def test_a_run_whose_note_is_damaged_is_refused_and_replaced(tiny, files, begun, damage):
     """Nobody can tell whose it is."""
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
     note = run_of("out") / "run.json"
     note.write_bytes(damage(note.read_bytes(), (run_of("other") / "run.json").read_bytes()))
     shutil.rmtree(part_of("other"))
@@ -125,7 +140,6 @@ def test_a_run_whose_note_is_damaged_is_refused_and_replaced(tiny, files, begun,
 @pytest.mark.parametrize("content", [b"junk", b"", b"[1]"])
 def test_a_receipt_of_another_form_is_made_again(tiny, files, begun, content):
     """As another ibdata may write it, or somebody forges it."""
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
     receipt = run_of("out") / "receipts/00001.npy"
     if content == b"[1]":  # a header that is no mapping
         arrays = io.BytesIO()
@@ -151,7 +165,6 @@ def test_a_run_that_is_about_to_appear_goes_on(tiny, files, begun, monkeypatch, 
 
 def test_a_pipe_in_a_run_hangs_nobody(begun, capsys):
     """Nor does an endless file, which is no regular one."""
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
     shutil.rmtree(part_of("other"))
     run, note = run_of("out"), json.loads(read_hashed(run_of("out") / "run.json"))
     write(run, "run.json", with_hash(json.dumps({**note, "manifest": "0" * 64}).encode()))
@@ -175,7 +188,6 @@ NOTES = {
 @pytest.mark.parametrize("note", NOTES.values(), ids=NOTES)
 def test_a_note_of_another_form_is_one_line_for_every_reader(begun, note, capsys):
     """As a newer ibdata may write it, or somebody forges it."""
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
     shutil.rmtree(part_of("other"))
     (run_of("out") / "run.json").write_bytes(with_hash(note))
     lines = {
@@ -197,21 +209,9 @@ def test_a_note_of_another_form_is_one_line_for_every_reader(begun, note, capsys
     ibdata.generate(TINY, "out", workers=1, overwrite=True)
 
 
-@pytest.fixture(scope="module")
-def begun(tmp_path_factory):
-    """A folder with two unfinished runs; those of `other` fit `out`, but for their numbers."""
-    folder = tmp_path_factory.mktemp("begun")
-    ibdata.generate(TINY, folder / "out", workers=1, shards="1/2")
-    shutil.copytree(run_of(folder / "out"), run_of(folder / "other"))
-    note = Record.of(DatasetSpec.of(TINY.model_copy(update={"seed": 1})), code=[], reproducible=True)
-    note.write(FolderRun(run_of(folder / "other")))
-    return folder
-
-
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_a_folder_in_a_part_that_ibdata_does_not_know_stays(begun, overwrite):
     """An older ibdata had its run in a folder with another name."""
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
     other = part_of("out") / "0123456789abcdef"
     other.mkdir()
     with pytest.raises(UsageError, match=r"0123456789abcdef: found what ibdata did not make"):
@@ -223,7 +223,6 @@ def test_a_folder_in_a_part_that_ibdata_does_not_know_stays(begun, overwrite):
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_no_link_in_a_part_is_followed(begun, name, overwrite):
     """Nothing is removed or written where it leads; a name that is missing is a link to a folder."""
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
     linked = next(part_of("out").glob(name), part_of("out") / name)
     if linked.exists():
         linked.rename("elsewhere")
@@ -241,7 +240,6 @@ def test_no_link_in_a_part_is_followed(begun, name, overwrite):
 
 
 def test_finalize_refuses_a_run_of_another_data_version(begun, monkeypatch):
-    shutil.copytree(begun, ".", dirs_exist_ok=True)
     ibdata.generate(TINY, "out", workers=1, shards="1/1")
     monkeypatch.setattr("ibdata.dataset.manifest.DATA_VERSION", 4)
     with pytest.raises(DatasetError, match=r"^out: found an unfinished run of another ibdata; finish it"):
