@@ -179,7 +179,10 @@ class Remote(Storage):
 
         selector = FileSelector(folder, allow_not_found=True, recursive=recursive)
         with plain_errors():
-            infos = self._files.get_file_info(selector)
+            try:
+                infos = self._files.get_file_info(selector)
+            except FileNotFoundError:  # of file://, if another process removes the folder meanwhile
+                infos = self._files.get_file_info(selector)
         return [info for info in infos if not (info.is_file and is_litter(info.base_name))]
 
     @property

@@ -165,3 +165,23 @@ def test_an_error_of_a_plug_in_is_one_line(url, monkeypatch, method, call):
     found = lambda given: (broken, given.removeprefix(url).join([base, ""]))  # noqa: E731
     monkeypatch.setattr(storage, "_file_system", found)
     refused("^file://.*: .*the plug-in failed(;|$)", call, url, error=IbdataError)
+
+
+def test_a_folder_that_goes_while_it_is_listed_is_empty(url):
+    class Going:
+        """The folder is removed between the look whether it is there and the list of what is in it."""
+
+        calls = 0
+
+        def get_file_info(self, selector):
+            self.calls += 1
+            if self.calls == 1:
+                shutil.rmtree("there")
+                raise FileNotFoundError(2, "Cannot list directory")
+            return FileSystem.from_uri(url)[0].get_file_info(selector)
+
+    four_shards_at(url)
+    files = storage.storage(url)
+    assert len(files.names("")) > 2
+    files._files = Going()
+    assert (files.names(""), files._files.calls) == ([], 2)
