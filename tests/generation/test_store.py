@@ -143,26 +143,27 @@ def test_a_lost_request_is_one_line_and_the_same_command_goes_on(url, is_whole, 
             assert is_whole(), (at, before)
 
 
-def test_a_part_of_an_object_does_not_count(url, is_whole, monkeypatch):
+@pytest.mark.parametrize(
+    ("is_lost", "words"), [(True, "connection lost"), (False, "found 0 bytes after [0-9]+ were written")]
+)
+def test_a_part_of_an_object_does_not_count(url, is_whole, monkeypatch, is_lost, words):
     """pyarrow completes an upload that failed."""
-    monkeypatch.setattr(workers, "MOST_THREADS", 1)
-    put, cut = Remote.put, []
+    put = Remote.put
 
     def cutting(self, source, path, size):
-        if path.endswith(".parquet") and len(cut) < 2:
-            cut.append(path)
+        if path.endswith(".parquet"):
             data = source.read()
             with self._in_folder(self._files.open_output_stream, f"{self._base}/{path}") as stream:
                 stream.write(data[:-7])
-            if len(cut) == 1:
+            if is_lost:
                 raise Lost("connection lost")
             source.seek(size)
         put(self, source, path, size)
 
-    monkeypatch.setattr(Remote, "put", cutting)
-    for words in ("connection lost", "found 0 bytes after [0-9]+ were written"):
-        with pytest.raises(IbdataError, match=rf"there: cannot be written: .*{words}; the same command goes"):
-            four_shards_at(url)
+    with monkeypatch.context() as patched:
+        patched.setattr(Remote, "put", cutting)
+        line = f"there: cannot be written: .*{words}; the same command goes"
+        refused(line, four_shards_at, url, error=IbdataError)
     four_shards_at(url)
     assert is_whole()
 
