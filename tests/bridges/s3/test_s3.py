@@ -75,8 +75,8 @@ SBATCH = """#!/bin/sh
 case "$*" in
 *--wrap*) for last; do :; done; exec sh -ec "$last" >&2 ;;
 esac
-for SLURM_ARRAY_TASK_ID in 1 2 3 4; do
-    export SLURM_ARRAY_TASK_ID SLURM_ARRAY_TASK_COUNT=4
+for SLURM_ARRAY_TASK_ID in $(seq "$(sed -n 's/^#SBATCH --array=1-//p' "$2")"); do
+    export SLURM_ARRAY_TASK_ID
     sh -e "$2" >&2 || exit 1
 done
 echo 17
