@@ -13,16 +13,27 @@ from ibdata.dataset.reference_returns import scale
 from ibdata.dynamics import PAPER, SIEMENS
 from ibdata.dynamics.consumption import PENALTY_WEIGHT, operational_cost
 from ibdata.dynamics.miscalibration import ALPHA, BETA, SAFE_ZONE, penalty
-from ibdata.evaluation.baselines import FILE, PROTOTYPES, shipped_baselines
+from ibdata.evaluation.baselines import BEHAVIOUR, FILE, NOTHING, PROTOTYPES, shipped_baselines
 from measuring.documents import DOCS
 from training import baselines_page, selection
-from training.plan import BLIND, FEW, FOUR, MODEL_BASED, OF_TRANSFER, TARGET, WAYS, episodes_each, part
+from training.plan import (
+    BLIND,
+    BLIND_FEW,
+    FEW,
+    FOUR,
+    MODEL_BASED,
+    OF_TRANSFER,
+    TARGET,
+    WAYS,
+    episodes_each,
+    part,
+)
 from training.protocol import EVALUATIONS
 from training.prototypes_page import COLUMNS
 from training.results import Results, difference, means
 
 Numbers = dict[str, float]
-START, BURN_IN, LONG = COLUMNS.values()
+START, _, LONG = COLUMNS.values()
 [AT_TARGET] = EVALUATIONS["transfer"]
 
 
@@ -38,7 +49,7 @@ def numbers() -> dict[str, Numbers]:
             "optimized": prototypes["optimized"],
         },
         "docs/prototypes.md": prototypes,
-        "docs/write-a-paper.md": seeds(results),
+        "docs/write-a-paper.md": seeds_of_iql(results),
         "docs/baselines.md": baselines(),
         "docs/quality.md": {**quality(), **world_models()},
         "docs/errata.md": errata(),
@@ -67,7 +78,7 @@ def exploration(results: Results) -> Numbers:
 
 def safe(results: Results) -> Numbers:
     """How much better than safe behaviour is what was learned from it."""
-    base = results.known("safe", "behaviour", START[0])
+    base = results.known("safe", BEHAVIOUR, START[0])
     found: Numbers = {}
     for name in ("iql", "bc"):
         better = difference(results.returns("safe", episodes_each(10), name, START[0]), base)
@@ -85,7 +96,7 @@ def transfer(results: Results) -> Numbers:
     }
     blind = {
         count: means(results.returns("transfer", part("pooled", count), f"iql{BLIND}", AT_TARGET))
-        for count in FEW[:2]
+        for count in BLIND_FEW
     }
     mean = {key: float(np.mean(values)) for key, values in seeds.items()}
     of_models = {data: mean[data, MODEL_BASED] for data in parts}
@@ -119,7 +130,7 @@ def transfer(results: Results) -> Numbers:
     }
 
 
-def seeds(results: Results) -> Numbers:
+def seeds_of_iql(results: Results) -> Numbers:
     """How far the seeds of IQL are apart in the transfer, beside the errors over the episodes."""
     found = means(results.returns("transfer", part("pooled", 2), "iql", AT_TARGET))
     error = max(results.standard_errors("transfer", AT_TARGET)) / 100
@@ -130,7 +141,7 @@ def baselines() -> Numbers:
     """The returns of offline algorithms on shipped sets."""
     lines = shipped_baselines([FILE])
     runs = ibdata.baselines().assign(mean=lambda x: x["mean_return"] / 100)
-    runs = runs[runs["set"].isin({line.set for line in lines}) & runs["trained_on"].ne("nothing")]
+    runs = runs[runs["set"].isin({line.set for line in lines}) & runs["trained_on"].ne(NOTHING)]
     mean = runs.groupby(["set", "algorithm"])["mean"].mean()
     references = {name: value / 100 for name, value in baselines_page.references().items()}
 
@@ -138,13 +149,13 @@ def baselines() -> Numbers:
         return float(mean[f"siemens-offline/{name}", algorithm])
 
     four = mean.unstack()[baselines_page.FOUR].dropna()
-    compared = ("behaviour", *baselines_page.FOUR, MODEL_BASED)
+    compared = (BEHAVIOUR, *baselines_page.FOUR, MODEL_BASED)
     groups = baselines_page.grouped(lines)
     by_set = {name: {x: groups.get((name, x), []) for x in compared} for name in four.index}
     best = four.idxmax(axis=1).value_counts()
     bcq = runs[runs["set"].eq("siemens-offline/bad-40") & runs["algorithm"].eq("bcq")]["mean"]
     of_optimized = runs["set"].str.startswith("siemens-offline/optimized-")
-    on_optimized = runs[of_optimized & runs["algorithm"].ne("behaviour")]["mean"]
+    on_optimized = runs[of_optimized & runs["algorithm"].ne(BEHAVIOUR)]["mean"]
     published = ibdata.baselines(published=True)
     published["set"] = published["set"].str.partition("/")[2]
     distance = published.pivot(index="set", columns="algorithm", values="difference") / 100
@@ -162,7 +173,7 @@ def baselines() -> Numbers:
         "bad-0-cql": of("bad-0", "cql"),
         "bad-0-model": of("bad-0", MODEL_BASED),
         "bad-20-iql": of("bad-20", "iql"),
-        "bad-20-behaviour": of("bad-20", "behaviour"),
+        "bad-20-behaviour": of("bad-20", BEHAVIOUR),
         "bcq-low": bcq.min(),
         "bcq-high": bcq.max(),
         "on-optimized": len(on_optimized),

@@ -11,7 +11,8 @@ from helpers import ROOT, script
 import ibdata
 from ibdata.evaluation.baselines import FILE, shipped_baselines
 from ibdata.experiment import shipped
-from measuring.documents import measured
+from measuring.documents import filled, measured
+from training import prose
 
 
 def page(name):
@@ -31,6 +32,12 @@ CANONICAL, QUALITY, MODELS = map(stored, ("canonical", "quality", "world-models"
 )
 def test_a_table_is_that_of_the_stored_results(study, name):
     assert measured(page(name), f"measured, {study}").strip() == script(study).table_of(stored(study))
+
+
+def test_the_numbers_in_sentences_are_those_of_the_results():
+    for name, values in prose.numbers().items():
+        text = (ROOT / name).read_text(encoding="utf-8")
+        assert filled(text, values) == text, name
 
 
 def test_every_shipped_set_has_a_row():
